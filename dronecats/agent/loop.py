@@ -7,14 +7,14 @@ drone. The `fly` of an `Asker` is a generator that yields while vehicle time pas
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor, Future, wait
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from msgspec import UNSET, UnsetType
 
 from dronecats.agent import action as actions
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.controller import Drone
-from dronecats.agent.latency import Circumstance, LatencyPolicy, Question
+from dronecats.agent.latency import COMMANDER, Circumstance, LatencyPolicy, Question
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.agent.reply.reading import ReplyParser, reading
@@ -196,14 +196,27 @@ class Asker:
                 return None
             yield
 
-    def _ask(self, request: Request, frames: Sequence[Frame], first: int, now_s: float) -> PendingQuestion:
-        """Log and send a question about `frames` at `now_s`. `first`: the `drone` of the `latency.Question`."""
-        questions, cockpit = self._questions, self._cockpit
+    def _ask(
+        self,
+        text: str,
+        frames: Sequence[Frame],
+        now_s: float,
+        *,
+        thinking: bool = False,
+        drone: int = 0,
+        role: Literal["pilot", "commander"] = "pilot",
+    ) -> PendingQuestion:
+        """Log and send the question `text` about `frames` at `now_s`; the other arguments are fields of `Request`."""
+        questions, cockpit, step, is_pilot = self._questions, self._cockpit, self._questions_sent, role == "pilot"
+        taken_us = tuple(frame.time_us for frame in frames) if cockpit.pictures and is_pilot else ()
+        request = Request(
+            text, cockpit.keep_pictures(frames), thinking, labels(len(frames)), step, drone, role, taken_us
+        )
         if cockpit.prompts:
             ids = [frame.frame_id for frame in frames]
-            cockpit.prompts.write(request.role, request.drone, request.step, now_s, ids, request.labels, request.text)
+            cockpit.prompts.write(role, drone, step, now_s, ids, request.labels, text)
         self._questions_sent += 1
-        question, last_s = Question(cockpit.seed, request.step, first), self._answered_s
+        question, last_s = Question(cockpit.seed, step, drone if is_pilot else COMMANDER), self._answered_s
         return PendingQuestion(
             questions.model, request, cockpit.executor, questions.latency, question, now_s, questions.beside, last_s
         )
@@ -304,19 +317,9 @@ class Decider(Asker):
                 drone.advance(self._now_s())
 
     def _send(self, frames: Sequence[Frame], thinking: bool, now_s: float) -> PendingQuestion:
-        questions, cockpit, drones = self._questions, self._cockpit, len(self._drones)
-        request = Request(
-            questions.prompt.render(
-                self._instruction(), self._histories(), HISTORY_LENGTH, questions.axis_order, drones
-            ),
-            cockpit.keep_pictures(frames),
-            thinking,
-            labels(drones),
-            step=self._questions_sent,
-            drone=self._drones[0].index,
-            taken_us=tuple(frame.time_us for frame in frames) if cockpit.pictures else (),
-        )
-        return self._ask(request, frames, request.drone, now_s)
+        drones, axis_order = len(self._drones), self._questions.axis_order
+        text = self._questions.prompt.render(self._instruction(), self._histories(), HISTORY_LENGTH, axis_order, drones)
+        return self._ask(text, frames, now_s, thinking=thinking, drone=self._drones[0].index)
 
     def _instruction(self) -> str:
         return self._questions.instruction

@@ -199,18 +199,20 @@ class _Handler(BaseHTTPRequestHandler):
         self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def do_GET(self) -> None:
-        if self.path.split("?")[0].rstrip("/") == "/v1/models":
+        if self._is_at("/v1/models"):
             model = {"id": self.server.name, "object": "model", "created": 0, "owned_by": self.server.owned_by}
             self._send(HTTPStatus.OK, {"object": "list", "data": [model]})
-        else:
+
+    def _is_at(self, path: str) -> bool:
+        """Return whether the request is for `path`; refuse it if not."""
+        is_at = self.path.split("?")[0].rstrip("/") == path
+        if not is_at:
             self._refuse(HTTPStatus.NOT_FOUND, "This server has only /v1/models and /v1/chat/completions.")
+        return is_at
 
     def do_POST(self) -> None:
         body = self._body()
-        if body is None:
-            return
-        if self.path.split("?")[0].rstrip("/") != "/v1/chat/completions":
-            self._refuse(HTTPStatus.NOT_FOUND, "This server has only /v1/models and /v1/chat/completions.")
+        if body is None or not self._is_at("/v1/chat/completions"):
             return
         try:
             prompt, images = read_request(body)

@@ -18,8 +18,8 @@ from dronecats.agent.commanding.command_prompt import (
 )
 from dronecats.agent.latency import COMMANDER
 from dronecats.agent.loop import Asker, Decider, PendingQuestion, Questions, SideBySideAgent, Tally
-from dronecats.agent.models.model import Model, Request
-from dronecats.agent.prompt import History, labels
+from dronecats.agent.models.model import Model
+from dronecats.agent.prompt import History
 from foundation.camera import Frame
 from foundation.errors import ModelError
 from foundation.protocol import CAP_S, GO
@@ -92,7 +92,8 @@ class FleetCommander(Asker):
         if frames is None:
             return []
         shown = self._show(causes, tuple(frames))
-        asking = self._send(shown)
+        text = self._prompt.render(self._questions.instruction, shown.roster, causes, len(self._posts))
+        asking = self._ask(text, frames, shown.sent_s, role="commander")
         if not (yield from self._await(asking, cap_s)):
             if not (shown.number or asking.answered):
                 raise ModelError("the commander sent no reply before the end of the episode")
@@ -124,18 +125,6 @@ class FleetCommander(Asker):
             if post.steps_without_go >= STALL_STEPS:
                 post.steps_without_go = 0
         return shown
-
-    def _send(self, shown: _Shown) -> PendingQuestion:
-        drones = len(self._posts)
-        request = Request(
-            self._prompt.render(self._questions.instruction, shown.roster, shown.causes, drones),
-            self._cockpit.keep_pictures(shown.frames),
-            thinking=False,
-            labels=labels(drones),
-            step=shown.number,
-            role="commander",
-        )
-        return self._ask(request, shown.frames, COMMANDER, shown.sent_s)
 
     def _executable_orders(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
         """Return the orders that can be carried out, and the reason for each refused order."""

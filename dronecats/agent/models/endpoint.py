@@ -35,7 +35,7 @@ _WORDS = (
         re.compile(r"overloaded|unavailable|time.?d?.?out|server.?error|internal|api.?error|gateway", re.IGNORECASE),
     ),
 )
-_EXHAUSTED = re.compile(
+_EXHAUSTED = re.compile(  # the credit or the daily quota is used up
     rb"insufficient.{0,3}(quota|balance|credits?|funds)|credit balance is too low|billing_(hard_limit|not_active)"
     rb"|per.?day",
     re.IGNORECASE,
@@ -70,21 +70,6 @@ def delay_in(body: bytes) -> float | None:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     return max((float(delay[1]) for delay in delays if delay), default=None)
-
-
-def is_exhausted(body: bytes) -> bool:
-    """Return whether an error says that the credit or the daily quota is used up."""
-    return _EXHAUSTED.search(body) is not None
-
-
-def is_moderated(body: bytes) -> bool:
-    """Return whether an error says that a question was refused because of its content."""
-    try:
-        errors = [error for error in _errors(json.loads(body)) if isinstance(error, dict)]
-    except (ValueError, RecursionError):
-        return False
-    details = [error.get("metadata") for error in errors]
-    return any(isinstance(detail, dict) and {"reasons", "flagged_input"} & detail.keys() for detail in details)
 
 
 def _errors(data: Any) -> Iterator[Any]:
@@ -164,14 +149,21 @@ class Exchanged:
     @property
     def filtered(self) -> bool:
         """True if the provider's moderation refuses this question. Source: OpenRouter's documentation, "Errors"."""
-        return self.status == FORBIDDEN and is_moderated(self.body)
+        if self.status != FORBIDDEN:
+            return False
+        try:
+            errors = [error for error in _errors(json.loads(self.body)) if isinstance(error, dict)]
+        except (ValueError, RecursionError):
+            return False
+        details = [error.get("metadata") for error in errors]
+        return any(isinstance(detail, dict) and {"reasons", "flagged_input"} & detail.keys() for detail in details)
 
     @property
     def rejects(self) -> bool:
         """True if every question would get the same error: a wrong key, model or path, or no credit."""
         if self.status in (UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND):
             return True
-        return 400 <= self.status < 500 and is_exhausted(self.body)
+        return 400 <= self.status < 500 and _EXHAUSTED.search(self.body) is not None
 
 
 @functools.cache

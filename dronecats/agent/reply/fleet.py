@@ -71,7 +71,9 @@ def _assigned(answer: str, drones: int) -> Assignment:
             other_arrays = [span for span in strict.json_spans(answer, "[") if span.begin != array.begin]
             spans = sorted((array, *other_arrays), key=lambda span: span.begin)
             division = _assign_list(array.value, drones)
-            division.mends |= around(answer, spans) | ({"several"} if any(map(_holds_objects, other_arrays)) else set())
+            division.mends |= around(answer, spans) | (
+                {"several"} if any(map(strict.has_objects, other_arrays)) else set()
+            )
             return division
     except ActionError as error:
         strict_error = error
@@ -83,10 +85,6 @@ def _assigned(answer: str, drones: int) -> Assignment:
     if division.mends <= TOLERATED.keys():  # nothing was mended, so the strict rejection holds
         raise strict_error
     return division
-
-
-def _holds_objects(placed: strict.JsonSpan) -> bool:
-    return isinstance(placed.value, list) and any(isinstance(item, dict) for item in placed.value)
 
 
 def _drone_values(text: str) -> list[ReadValue]:

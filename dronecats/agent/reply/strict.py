@@ -119,9 +119,13 @@ def last_object(reply: str) -> JsonSpan:
 def first_array(reply: str) -> JsonSpan:
     """Return the first array that has an object. Raises ActionError if there is none."""
     for span in json_spans(reply, "["):
-        if isinstance(span.value, list) and any(isinstance(item, dict) for item in span.value):
+        if has_objects(span):
             return span
     raise ActionError("no JSON array of actions in the reply")
+
+
+def has_objects(array: JsonSpan) -> bool:
+    return any(isinstance(item, dict) for item in array.value)
 
 
 def json_spans(reply: str, opening: str) -> list[JsonSpan]:

@@ -142,7 +142,8 @@ def find(
 
     def rank(detection: Detection) -> float:
         is_expected = expected is not None and expected.matches(detection.box, detection.range)
-        return detection.score * detection.pixels**_AREA_POWER * (_EXPECTED_PREFERENCE if is_expected else 1.0)
+        weight = math.pow(detection.pixels, _AREA_POWER)
+        return detection.score * weight * (_EXPECTED_PREFERENCE if is_expected else 1.0)
 
     return max(detections, key=rank, default=None)
 
@@ -150,7 +151,10 @@ def find(
 def _patches(picture: Picture, referent: Referent, mask: Mask) -> Iterator[tuple[Detection, Mask, _Box]]:
     """Yield the patches of a referent's masked colour, without a score, each with its mask and its rectangle (px)."""
     height, width = picture.shape[:2]
-    for where in _blobs(picture, mask, referent.color or ""):
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    tint = colors.tint(picture, labels, count) if colors.BANDS[referent.color or ""].vivid else None
+    for members in _grouped(stats, tint):
+        where = np.isin(labels, members)
         core = _core(where)
         left, top, right, bottom = core
         box = BoundingBox(
@@ -218,14 +222,6 @@ def _detect_by_size(picture: Picture, referent: Referent) -> Iterator[Detection]
         score = patch.range.fit * color * solid
         if score >= _LEAST_SCORE:
             yield replace(patch, score=score)
-
-
-def _blobs(picture: Picture, mask: Mask, color: str) -> Iterator[Mask]:
-    """Yield the masks of the largest patches of a masked colour."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    tint = colors.tint(picture, labels, count) if colors.BANDS[color].vivid else None
-    for members in _grouped(stats, tint):
-        yield np.isin(labels, members)
 
 
 def _grouped(stats: NDArray[np.int32], tint: NDArray[np.float64] | None) -> Iterator[NDArray[np.int64]]:

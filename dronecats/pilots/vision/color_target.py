@@ -212,7 +212,8 @@ def _after_declaration(detection: Detection | None, aspect: float, size: Size, p
 
     The flight goes on because the target is farther away than estimated, or the detection is not the target.
     """
-    if detection is None or detection.range.distance_m > _LOST_M or search.has_declared_enough(past):
+    declarations = sum(p.kind == FINISHED for p in past)
+    if detection is None or detection.range.distance_m > _LOST_M or declarations >= search.MOST_DECLARATIONS:
         return search.turn_away(past)
     if size.length_m >= LONG_M:
         along = stride_along_flank(detection, past)

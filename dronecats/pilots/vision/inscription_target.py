@@ -7,7 +7,7 @@ the distance left is the depth of the `go` minus the stride.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from dronecats.pilots import actions
@@ -19,7 +19,6 @@ from dronecats.pilots.vision.division import Candidate, GroundPoint, assign_thin
 from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M, THINK
 
 Past = tuple[PastAction, ...]
-OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, candidates) → its own thing
 
 # Tolerances that identify a drone's own thing: bearing of a far and of a near thing, log(distance / expected distance)
 _ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
@@ -44,8 +43,7 @@ def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
     ocr.load_engine()
     kind = read_referent(command.replace(" drone ", " "))
     under_way = any(past)
-    own: OwnCandidate | None = (lambda k, view: own_candidate(view, past[k])) if under_way else None
-    views = find_candidates(pictures, wanted, kind, own)
+    views = find_candidates(pictures, wanted, kind, past if under_way else ())
     if not under_way and len(pictures) == 1:
         return [_depart(first_destination(views[0], read_place_in_row(command)))]
     if not under_way:
@@ -129,20 +127,15 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
 
 
 def find_candidates(
-    pictures: Sequence[Picture], wanted: Inscription, kind: Referent, own: OwnCandidate | None = None
+    pictures: Sequence[Picture], wanted: Inscription, kind: Referent, past: Sequence[Past] = ()
 ) -> list[list[Candidate]]:
     """Return for each picture the things that may carry the inscription, left to right.
 
-    All candidates of an episode look alike, so all have the same paint.
-
-    kind: the vehicle that the command names; not used for boards. own: finds a drone's own thing; None before the
-    first action. With `own`, the scores of the drones' own things decide the paint of the vehicles.
+    All candidates of an episode look alike, so all have the same paint. The scores of the drones' own vehicles decide
+    first, then all scores. kind: the vehicle that the command names; not used for boards.
     """
-    return _find_vehicles(pictures, kind, own) if wanted.on_plate else boards.find_alike(pictures, _LOOK_ALIKES)
-
-
-def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
-    """Return the vehicles of the best paint. The scores of the drones' own vehicles decide first, then all scores."""
+    if not wanted.on_plate:
+        return boards.find_alike(pictures, _LOOK_ALIKES)
     best: list[list[Candidate]] = [[] for _ in pictures]
     most = (0.0, 0.0)
     for color in (*VIVID, *DULL):
@@ -150,7 +143,7 @@ def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidat
             continue
         referent = replace(kind, color=color)
         views = [[_vehicle_candidate(d, p) for d in color_detector.find_all(p, referent)] for p in pictures]
-        own_things = [own(k, view) for k, view in enumerate(views)] if own else []
+        own_things = [own_candidate(view, history) for view, history in zip(views, past, strict=False)]
         rank = (
             sum(c.score * c.size_px for c in own_things if c),  # × size: a near vehicle is larger than a brick
             sum(sum(sorted((c.score for c in view), reverse=True)[:_LOOK_ALIKES]) for view in views),

@@ -169,7 +169,7 @@ def decide(picture: Picture, vehicle: Candidate, wanted: Inscription, past: tupl
         return _declare_again(vehicle, past)
     end_m = max(1.5, vehicle.spot.ahead_m - 0.45 * size.length_m)
     plate = find(picture, (vehicle.left, vehicle.top, vehicle.right, vehicle.bottom), focal * HEIGHT_M / end_m)
-    is_wanted = _is_wanted(plate, wanted)
+    is_wanted = ocr.matches(wanted, [plate.reading]) if plate and plate.reading else None
     if is_wanted is False:
         return actions.think()
     if plate is not None and is_wanted:
@@ -194,10 +194,6 @@ def decide_unseen(past: tuple[PastAction, ...]) -> str:
 def was_plate_read(past: tuple[PastAction, ...]) -> bool:
     """Return whether the pilot read the wanted plate before the last stride, which led to the plate."""
     return bool(past) and past[-1].kind == GO and past[-1].depth_m < _READ_DEPTH_M
-
-
-def _is_wanted(plate: Plate | None, wanted: Inscription) -> bool | None:
-    return ocr.matches(wanted, [plate.reading]) if plate is not None and plate.reading is not None else None
 
 
 def _declare_again(vehicle: Candidate, past: tuple[PastAction, ...]) -> str:

@@ -16,7 +16,7 @@ from dronecats.pilots import actions
 from dronecats.pilots.actions import PastAction
 from dronecats.pilots.vision import colors
 from dronecats.pilots.vision.color_detector import Detection
-from foundation.protocol import FINISHED, GO, ROTATE
+from foundation.protocol import GO, ROTATE
 
 SWEEP_DEG = 60.0
 CIRCLE_TURNS = 5  # turns of a full search circle: with the first view, six views
@@ -27,7 +27,7 @@ _OPEN = 0.62  # a direction is open if the sky covers at least this share above 
 LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, to bring it to the edge of the picture or out of it
 CLEARANCE_M = 0.9  # m, distance that the drone keeps from the nearest end of the thing
 CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration; it gains on a target that moves at 0.3 m/s
-_MOST_DECLARATIONS = 3  # the pilot declares at most this often at one thing
+MOST_DECLARATIONS = 3  # the pilot declares at most this often at one thing
 _REJECTED_WITHIN_M = 10.0  # m; after the turn, a thing farther away than this is not the wrong target
 
 
@@ -88,11 +88,6 @@ def count_wander_strides(past: tuple[PastAction, ...]) -> int:
 def avoid_wander_depth(depth_m: float) -> float:
     """Return a depth that later steps do not mistake for a stride to a new vantage point."""
     return depth_m if abs(depth_m - WANDER_M) > 0.5 else WANDER_M - 1.0
-
-
-def has_declared_enough(past: tuple[PastAction, ...]) -> bool:
-    """Return whether the history has so many declarations that the drone turns away."""
-    return sum(p.kind == FINISHED for p in past) >= _MOST_DECLARATIONS
 
 
 def turn_away(past: tuple[PastAction, ...]) -> str:
