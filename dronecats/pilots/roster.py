@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
+from dronecats.pilots import scripted
 from dronecats.pilots.actions import Pilot
 from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.scripted import PATTERNS
@@ -81,20 +82,14 @@ def needs_truth(name: str | None) -> bool:
 def answer(name: str) -> Pilot:
     """Return the pilot that an endpoint (`PilotServer`) serves. Raises UsageError for a recording without replies."""
     if name.startswith(RECORDED):
-        from dronecats.pilots.scripted import player
-
-        return player(Path(name.removeprefix(RECORDED)))
+        return scripted.player(Path(name.removeprefix(RECORDED)))
     if name in COMMANDERS:
-        from dronecats.pilots.scripted import scripted_orders
-
-        return scripted_orders
+        return scripted.scripted_orders
     if name == "vision":
         from dronecats.pilots.vision.pilot import answer as vision
 
         return vision
-    from dronecats.pilots import scripted as blind
-
-    return blind.pattern_pilot(name.removeprefix(BLIND)) if name.startswith(BLIND) else blind.answer
+    return scripted.pattern_pilot(name.removeprefix(BLIND)) if name.startswith(BLIND) else scripted.answer
 
 
 def owner(name: str) -> str:

@@ -1,6 +1,7 @@
 """A commander model directs the pilots of a fleet. The paper ("Organisational Settings") leaves this to future work."""
 
 from collections.abc import Callable, Generator, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 
 from msgspec import UNSET
@@ -248,14 +249,10 @@ class Hierarchy(SideBySideAgent):
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
         """Fly until the episode's time is over, or until `stop` returns True for a new decision."""
-        if self._cockpit.commander_log is not None:
-            self._log = LineLog(self._cockpit.commander_log)
-        try:
+        path = self._cockpit.commander_log
+        with closing(LineLog(path)) if path else nullcontext() as self._log:
             flights = [pilot.fly(cap_s, stop) for pilot in self._deciders]
             self._run([*flights, self._commander.fly(cap_s, stop)])
-        finally:
-            if self._log is not None:
-                self._log.close()
 
     def _keep(self, exchange: Exchange) -> None:
         if self._log is not None:

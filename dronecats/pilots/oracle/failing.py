@@ -108,11 +108,6 @@ def never_closes(state: TrueState) -> ActionGenerator:
         state = yield _pointing(state)
 
 
-def one_point(state: TrueState) -> ActionGenerator:
-    """Fly like `never_declares`. FAILURES gives the first drone's action to all drones."""
-    yield from never_declares(state)
-
-
 def leaves_the_protocol(state: TrueState) -> ActionGenerator:
     """Reply with texts that no parser of the agent accepts."""
     yield from _in_turn(NO_ACTIONS)
@@ -137,7 +132,7 @@ FAILURES = {
     "never-closes": Failing("points at the target, and never leaves its place", never_closes),
     "one-point": Failing(
         "gives all drones of a fleet the action of drone 1",
-        one_point,
+        never_declares,
         lambda replies: actions.join([replies[0]] * len(replies)),
     ),
     "leaves-the-protocol": Failing("replies without a valid action", leaves_the_protocol, lambda replies: replies[0]),

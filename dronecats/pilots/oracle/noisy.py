@@ -36,7 +36,6 @@ NamedBy = Literal["paint", "place", "inscription"]  # how a command names its ta
 BANDS_M = (8.0, 16.0)  # m, the edges between the three bands of distance: near, middle, far
 FILE = Path(__file__).with_name("vision_errors.json")
 ARRIVED_M = 4.6  # m, estimated distance at which the pilot declares, as in `vision.color_target`
-_CIRCLE = 5  # turns of a search circle; with the first view, the circle has six directions
 _WANDERS = 3  # after this many strides to other vantage points, a new search circle begins
 _LEAVE_DEG = 75.0  # deg, turn away after a wrong declaration
 _EDGE = 60.0  # 0–1000, least distance of a point from the picture's side
@@ -196,7 +195,7 @@ class NoisyPilot:
 
     def _search(self, memory: _Memory, draw: _Draw) -> str:
         """Return the next search action: turns until the circle is closed, then strides to another vantage point."""
-        if memory.turns < _CIRCLE:
+        if memory.turns < search.CIRCLE_TURNS:
             memory.turns += 1
             return actions.rotate(math.copysign(search.SWEEP_DEG, memory.side))
         memory.strides += 1
