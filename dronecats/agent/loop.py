@@ -186,15 +186,9 @@ class Asker:
         if cockpit.pictures is None:
             return (yield from fetched(lambda: [cockpit.camera.newest(drone) for drone in drones]))
         question = Question(cockpit.seed, self._questions_sent, first)
-        coming = cockpit.pictures.frames(cockpit.camera, question, drones, now_s, cockpit.t0_us, fetched)
-        while True:
-            try:
-                next(coming)
-            except StopIteration as came:
-                return list(came.value)
-            if now_s() >= cap_s:
-                return None
-            yield
+        return (
+            yield from cockpit.pictures.frames(cockpit.camera, question, drones, now_s, cap_s, cockpit.t0_us, fetched)
+        )
 
     def _ask(
         self,

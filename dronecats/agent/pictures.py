@@ -71,11 +71,13 @@ class PicturePath:
         question: Question,
         drones: Sequence[int],
         now_s: Callable[[], float],
+        cap_s: float,
         t0_us: int,
         fetch: Fetch,
-    ) -> Generator[None, None, list[Frame]]:
+    ) -> Generator[None, None, list[Frame] | None]:
         """Return the frame of each drone for a question; yield until all have arrived. Raises CameraError.
 
+        Returns None if the episode ends at `cap_s` before all have arrived.
         `now_s` returns the vehicle seconds since the episode began, at `t0_us` of the vehicle's clock.
         """
         self.held_s[question.drone] = 0.0
@@ -89,6 +91,8 @@ class PicturePath:
                     came[drone] = done.value
             if len(came) == len(coming):
                 return [came[drone] for drone in drones]
+            if now_s() >= cap_s:
+                return None
             yield
 
     def _frame(

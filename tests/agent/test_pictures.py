@@ -180,7 +180,8 @@ def test_a_late_image_delays_only_its_own_question():
         return take()
 
     coming = [
-        pictures.frames(watch, Question((1,), 0, drone), [drone], watch.now_s, Watch.T0_US, fetch) for drone in (0, 1)
+        pictures.frames(watch, Question((1,), 0, drone), [drone], watch.now_s, 1e6, Watch.T0_US, fetch)
+        for drone in (0, 1)
     ]
     ended_s: dict[int, float] = {}
     while len(ended_s) < len(coming):
