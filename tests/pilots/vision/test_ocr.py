@@ -64,13 +64,13 @@ def test_equal_pictures_give_equal_readings():
 
 def test_a_missing_package_is_reported_in_one_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "rapidocr", None)
-    ocr._engine.cache_clear()
+    ocr.load_engine.cache_clear()
     jpeg = cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1].tobytes()
     with pytest.raises(UsageError, match=r"dronecats\[vision\]"):
         pilot.answer("Command: go to the sign that reads WEST\n", [jpeg] * 4)
     # a command without an inscription does not need the package
     assert "action" in pilot.answer("Command: go to the red car\n", [jpeg])
-    ocr._engine.cache_clear()
+    ocr.load_engine.cache_clear()
 
 
 @pytest.fixture(scope="module")
