@@ -21,7 +21,7 @@ WIDTH_PX, FLEET_PX = 400, 520  # width of the picture panel for one drone, for s
 
 
 class FlightPanels:
-    """Shows moments of one flight, and sends only changes. All text from models, autopilots and users is escaped."""
+    """Shows moments of one flight. All text from models, autopilots and users is escaped."""
 
     def __init__(
         self,
@@ -37,7 +37,6 @@ class FlightPanels:
         `on_judge` and `on_follow` are called when a user chooses the judge's view, or a drone to follow.
         """
         self._server, self._drones = server, drones
-        self._sent: dict[str, object] = {}
         self._on_judge = on_judge
         self.judge_shown = False
         gui = server.gui
@@ -68,25 +67,17 @@ class FlightPanels:
         return frames
 
     def show(self, moment: Moment) -> None:
+        """Show a moment. viser sends only the changed texts."""
         with self._server.atomic():
-            self._write("state", self._state, (clock(moment.t_s), moment.state, moment.instruction),
-                        lambda: state_html(moment))  # fmt: skip
+            self._state.content = state_html(moment)
             drones = moment.drones[: self._drones]
             if self._frames is not None:
-                frames = tuple(_pictured(drone) for drone in drones)
-                self._write("frames", self._frames, frames, lambda: frames_html(drones))
-                decided = tuple((d.decision and d.decision.step, d.prompt) for d in drones)
-                self._write("pilots", self._pilots, decided, lambda: decisions_html(drones))
-            self._write("numbers", self._numbers, numbers_html(drones))
-            messages = tuple(drone.messages for drone in moment.drones)
-            self._write("messages", self._messages, messages, lambda: messages_html(moment.drones))
-            judged = judge_html(moment.judge) if self.judge_shown else ""
-            self._write("judge", self._judged, judged)
+                self._frames.content = frames_html(drones)
+                self._pilots.content = decisions_html(drones)
+            self._numbers.content = numbers_html(drones)
+            self._messages.content = messages_html(moment.drones)
+            self._judged.content = judge_html(moment.judge) if self.judge_shown else ""
         self._server.flush()
-
-    def forget(self) -> None:
-        """Clear the cache of sent content, so that `show` sends the next moment completely."""
-        self._sent.clear()
 
     def _wanted(self) -> int | None:
         named = {drone_label(k): k for k in range(self._drones)}
@@ -110,12 +101,6 @@ class FlightPanels:
         if self._on_judge is not None:
             self._on_judge(wanted)
 
-    def _write(self, name: str, handle: Any, key: object, html: Callable[[], str] | None = None) -> None:
-        """Send the content of a handle if `key` differs from the last key. Without `html`, `key` is the content."""
-        if self._sent.get(name) != key:
-            self._sent[name] = key
-            handle.content = key if html is None else html()
-
 
 def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
     """Return a callback that calls `act` for events from browsers and ignores updates by the program."""
@@ -125,12 +110,6 @@ def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
             act()
 
     return changed
-
-
-def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
-    """Return the frame id of a drone's shown picture, and the step of the decision whose point is marked in it."""
-    picture, decision = newest_decided(drone)
-    return (picture.frame_id if picture else None, decision.step if decision else None)
 
 
 YELLOW, ACCENT, JUDGE = MARKS["chosen"], LIGHT["accent"], LIGHT["judge-line"]

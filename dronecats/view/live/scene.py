@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import cv2
@@ -9,23 +10,68 @@ import numpy as np
 import viser
 
 from dronecats.report.kit import palette
-from dronecats.view.live.layers import AddedObjects, JudgeMarks, Trail
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.view.scene import display
-from episodes.maps.scene import Moved, Scene, Sun
+from episodes.maps.scene import Mesh, Moved, Scene, Sun
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_yaw
+from foundation.protocol import RADIUS_M
 from foundation.run_folder.rows import drone_label
+from foundation.terrain import FLAT
 
 COLORS: tuple[Vec3, ...] = tuple(map(palette.linear, palette.DRONES))
 CHOSEN = palette.rgb(palette.MARKS["chosen"])  # colour of the point of a `go` action
 BLOCKED_POINT = palette.rgb(palette.MARKS["declared-bad"])  # colour of the point where the map blocks the ray
 SETPOINT = palette.rgb(palette.MARKS["setpoint"])
+JUDGE = palette.rgb(palette.MARKS["goal"])
 WORLD = "/world"  # the root node; to follow a drone, the page moves this node and keeps the view
 NOON = Sun((0.3, 0.2, -0.93))
 SETPOINT_M_PER_MPS = 1.5  # length of the arrow that shows a velocity setpoint
 STILL_MPS = 0.05  # a slower setpoint has no arrow
 GRID_M = 400.0
+STEP_M = 0.15  # least distance between two points of a trail
+PIECE = 64  # points per piece of a trail; a complete piece is not sent again
+
+
+class Trail:
+    """The trail of a drone: a line in pieces that grows. Only its last piece is sent again."""
+
+    def __init__(self, server: viser.ViserServer, node: str, color: tuple[int, int, int]) -> None:
+        self._server, self._node, self._color = server, node, color
+        self._pieces: list[Any] = []
+        self._points: list[tuple[float, float, float]] = []  # points of the last piece
+
+    def extend(self, place_ned: Vec3) -> None:
+        """Extend the line to a position (m, NED), unless it is closer than STEP_M to the last point."""
+        point = display.place_of(place_ned)
+        if self._points and float(np.hypot.reduce(np.subtract(point, self._points[-1]))) < STEP_M:
+            return
+        self._points.append(point)
+        if len(self._points) == 2:
+            self._pieces.append(self._piece(self._points))
+        elif len(self._points) > 2:
+            self._pieces[-1].points = _segments(self._points)
+            if len(self._points) > PIECE:
+                self._points = [point]
+
+    def set(self, places_ned: Sequence[Vec3]) -> None:
+        """Replace the line by a line through these positions (m, NED)."""
+        points = [display.place_of(place) for place in places_ned]
+        for piece in self._pieces:
+            piece.remove()
+        self._pieces = []
+        for first in range(0, max(0, len(points) - 1), PIECE):
+            self._pieces.append(self._piece(points[first : first + PIECE + 1]))
+        self._points = points[-1:]
+
+    def _piece(self, points: Sequence[tuple[float, float, float]]) -> Any:
+        node = f"{self._node}/{len(self._pieces)}"
+        return display.add_lines(self._server, node, _segments(points), self._color, 3.0)
+
+
+def _segments(points: Sequence[tuple[float, float, float]]) -> Any:
+    line = np.array(points, np.float32)
+    return np.stack([line[:-1], line[1:]], axis=1)
 
 
 class FlightScene:
@@ -51,17 +97,19 @@ class FlightScene:
         self._server, self._scene = server, scene
         self._camera = camera or CameraModel()
         self._name, self._root = name, f"{WORLD}/{name or 'flight'}"
-        self._nodes: dict[str, Any] = {}
-        self._shown: dict[str, object] = {}  # node → its shown value
-        self._added = AddedObjects(server, f"{self._root}/thing", scene)
-        self._judged = JudgeMarks(server, f"{self._root}/judge", scene)
+        self._nodes = display.SceneNodes(server, self._root)
+        self._frustums: dict[int, Any] = {}  # drone → its camera
+        self._pictures: dict[int, int] = {}  # drone → frame id of its shown picture
         self._followed: int | None = None
+        self._anchor: Vec3 | None = None  # place at which the page keeps the followed drone (m, browser's axes)
         self._picker: display.Picker | None = None
         self._view_is_set = False
         self._brought: set[int] = set()  # ids of browsers whose view was moved to the flight
         self.shows_objects = True  # whether to show target and look-alikes; only one of several flights shows them
         self.judge_shown = False  # whether to send and show the judge's marks
         base = None if scene is None else scene.base or scene
+        on_map = {instance.id for instance in base.instances} if base else set()
+        self._added = [instance for instance in (scene.instances if scene else ()) if instance.id not in on_map]
         if server.scene.get_handle_by_name(WORLD) is None:
             server.scene.add_frame(WORLD, show_axes=False)
             display.light(server, base.sun if base else NOON)
@@ -94,8 +142,7 @@ class FlightScene:
 
     def follow(self, drone: int | None) -> None:
         """Keep a drone at its current place in the view; None: stop following. Users can still turn their view."""
-        self._followed = drone
-        self._shown.pop("followed", None)
+        self._followed, self._anchor = drone, None
 
     def move_new_views(self, here: Vec3, yaw: float) -> None:
         """Move the view of each new browser behind a drone at a position (m, NED) and yaw (rad)."""
@@ -110,11 +157,7 @@ class FlightScene:
 
     def remove(self) -> None:
         """Remove the flight from the browser. The map stays for other flights."""
-        self._added.remove()
-        self._judged.remove()
         self._server.scene.remove_by_name(self._root)
-        self._nodes.clear()
-        self._shown.clear()
 
     # ---- the ground
 
@@ -136,69 +179,47 @@ class FlightScene:
 
     def _show_drone(self, drone: DroneMoment, here: Vec3) -> None:
         k = drone.drone
-        node = self._node(k)
-        node.position = display.place_of(here)  # viser sends only changes
-        node.wxyz = display.wxyz_of(drone.attitude)
+        self._nodes.put(f"drone-{k}", partial(self._add_drone, k), position=display.place_of(here),
+                        wxyz=display.wxyz_of(drone.attitude))  # fmt: skip
         if not self._view_is_set:
             self._look(here, quat_yaw(drone.attitude))
         self._trails[k].extend(here)
-        self._show_setpoint(k, here, drone.setpoint_ned)
+        self._show_setpoint(f"setpoint-{k}", here, drone.setpoint_ned)
         self._show_chosen(k, drone.lens_ned, drone.chosen_ned)
         self._show_picture(k, drone.picture)
 
-    def _node(self, k: int) -> Any:
-        """Return the node of a drone, created at its first moment."""
-        path = f"{self._root}/drone-{k}"
-        if (node := self._nodes.get(f"drone-{k}")) is None:
-            label = " · ".join(filter(None, (self._name, drone_label(k) if len(self._trails) > 1 else "")))
-            node = self._nodes[f"drone-{k}"] = self._server.scene.add_frame(path, show_axes=False)
-            _, frustum = display.add_drone(self._server, path, self._colors[k], self._camera, label)
-            self._nodes[f"camera-{k}"] = frustum
+    def _add_drone(self, k: int, path: str) -> Any:
+        label = " · ".join(filter(None, (self._name, drone_label(k) if len(self._trails) > 1 else "")))
+        node = self._server.scene.add_frame(path, show_axes=False)
+        _, self._frustums[k] = display.add_drone(self._server, path, self._colors[k], self._camera, label)
         return node
 
-    def _show_setpoint(self, k: int, here: Vec3, velocity: Vec3 | None) -> None:
-        key = f"setpoint-{k}"
+    def _show_setpoint(self, name: str, here: Vec3, velocity: Vec3 | None) -> None:
         if velocity is None or math.hypot(*velocity) < STILL_MPS:
-            self._drop(key)
+            self._nodes.drop(name)
             return
-        ahead = display.place_of((SETPOINT_M_PER_MPS * velocity[0], SETPOINT_M_PER_MPS * velocity[1],
-                                  SETPOINT_M_PER_MPS * velocity[2]))  # fmt: skip
-        if self._shown.get(key) != velocity:
-            points = np.array([[(0.0, 0.0, 0.0), ahead]], np.float32)
-            if (node := self._nodes.get(key)) is None:
-                self._nodes[key] = self._server.scene.add_arrows(
-                    f"{self._root}/{key}", points, SETPOINT, shaft_radius=0.05, head_radius=0.13, head_length=0.3
-                )
-            else:
-                node.points = points
-            self._shown[key] = velocity
-        self._nodes[key].position = display.place_of(here)
+        n, e, d = velocity
+        ahead = display.place_of((SETPOINT_M_PER_MPS * n, SETPOINT_M_PER_MPS * e, SETPOINT_M_PER_MPS * d))
+        points = np.array([[(0.0, 0.0, 0.0), ahead]], np.float32)
+        add = partial(self._server.scene.add_arrows, points=points, colors=SETPOINT, shaft_radius=0.05,
+                      head_radius=0.13, head_length=0.3)  # fmt: skip
+        self._nodes.put(name, add, points=points, position=display.place_of(here))
 
     def _show_chosen(self, k: int, lens: Vec3 | None, place: Vec3 | None) -> None:
-        key = f"chosen-{k}"
         if lens is None or place is None:
-            for name in (key, f"place-{k}", f"met-{k}"):
-                self._drop(name)
+            self._nodes.drop(f"chosen-{k}", f"place-{k}", f"met-{k}")
             return
-        if self._shown.get(key) == (lens, place):
-            return
-        met = self._blocked_point(lens, place)
-        scene = self._server.scene
         points = np.array([[display.place_of(lens), display.place_of(place)]], np.float32)
-        if (node := self._nodes.get(key)) is None:
-            self._nodes[key] = display.add_lines(self._server, f"{self._root}/{key}", points, CHOSEN, 2.5)
-            self._nodes[f"place-{k}"] = scene.add_icosphere(
-                f"{self._root}/place-{k}", 0.2, CHOSEN, position=display.place_of(place), cast_shadow=False
-            )
-        else:
-            node.points = points
-            self._nodes[f"place-{k}"].position = display.place_of(place)
-        self._shown[key] = (lens, place)
-        self._drop(f"met-{k}")
-        if met is not None:
-            self._nodes[f"met-{k}"] = scene.add_icosphere(
-                f"{self._root}/met-{k}", 0.16, BLOCKED_POINT, position=display.place_of(met), cast_shadow=False
-            )
+        self._nodes.lines(f"chosen-{k}", points, CHOSEN, 2.5)
+        self._show_sphere(f"place-{k}", 0.2, CHOSEN, place)
+        self._show_sphere(f"met-{k}", 0.16, BLOCKED_POINT, self._blocked_point(lens, place))
+
+    def _show_sphere(self, name: str, radius_m: float, color: tuple[int, int, int], place: Vec3 | None) -> None:
+        if place is None:
+            self._nodes.drop(name)
+            return
+        add = partial(self._server.scene.add_icosphere, radius=radius_m, color=color, cast_shadow=False)
+        self._nodes.put(name, add, position=display.place_of(place))
 
     def _blocked_point(self, lens: Vec3, place: Vec3) -> Vec3 | None:
         """Return the point (m, NED) where the map blocks the ray from lens to place; None if the ray is free."""
@@ -212,31 +233,38 @@ class FlightScene:
         return hit[0] if hit is not None and math.dist(lens, hit[0]) < far - 0.05 else None
 
     def _show_picture(self, k: int, picture: ShownPicture | None) -> None:
-        if picture is None or self._shown.get(f"picture-{k}") == picture.frame_id:
+        if picture is None or self._pictures.get(k) == picture.frame_id:
             return
-        self._shown[f"picture-{k}"] = picture.frame_id
+        self._pictures[k] = picture.frame_id
         small = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_REDUCED_COLOR_4)
         if small is not None:  # None: the picture is damaged
-            self._nodes[f"camera-{k}"].image = np.ascontiguousarray(small[..., ::-1])
-
-    def _drop(self, key: str) -> None:
-        self._shown.pop(key, None)
-        if (node := self._nodes.pop(key, None)) is not None:
-            node.remove()
+            self._frustums[k].image = np.ascontiguousarray(small[..., ::-1])
 
     # ---- the layers
 
     def _show_added(self, moved: Moved) -> None:
-        if self.shows_objects:
-            self._added.show(moved)
-        else:
-            self._added.remove()
+        """Show the target and its look-alikes. The data sent to the browser do not reveal which is the target."""
+        for instance in self._added:
+            name = f"thing/{instance.id}"
+            if not self.shows_objects:
+                self._nodes.drop(name)
+                continue
+            place, turned = moved.get(instance.id) or (instance.position_ned, instance.turned)
+            self._nodes.put(name, partial(self._add_object, instance.mesh), position=display.place_of(place),
+                            wxyz=display.wxyz_of(turned))  # fmt: skip
+
+    def _add_object(self, mesh: Mesh, path: str) -> Any:
+        return display.add_glb(self._server, path, display.mesh_glb(mesh))
 
     def _show_judge(self, judge: JudgeMoment) -> None:
-        if self.judge_shown:
-            self._judged.show(judge)
-        else:
-            self._judged.remove()
+        """Show the success radius as a ring around the target, and a label. Without the judge's view, remove both."""
+        if not self.judge_shown:
+            self._nodes.drop("judge/ring", "judge/name")
+        elif (centre := judge.target_ned) is not None:
+            terrain = self._scene.terrain if self._scene else FLAT
+            self._nodes.lines("judge/ring", display.ring(terrain, centre[:2], RADIUS_M), JUDGE, 3.0)
+            above = display.place_of((centre[0], centre[1], centre[2] - 1.8))
+            self._nodes.label("judge/name", "target (judge)", above)
 
     # ---- the view
 
@@ -261,10 +289,7 @@ class FlightScene:
         if here is None:
             return
         x, y, z = display.place_of(here)
-        anchor = self._shown.get("followed")
-        if not isinstance(anchor, tuple):
+        if self._anchor is None:
             a, b, c = self.offset
-            anchor = self._shown["followed"] = (a + x, b + y, c + z)
-        place = (anchor[0] - x, anchor[1] - y, anchor[2] - z)
-        if place != self.offset:
-            self._world.position = place
+            self._anchor = (a + x, b + y, c + z)
+        self._world.position = (self._anchor[0] - x, self._anchor[1] - y, self._anchor[2] - z)

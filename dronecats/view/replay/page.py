@@ -209,8 +209,6 @@ class ReplayPage:
         before, self._applied = self._applied, state
         self._controls.show_chosen(state.flight)
         self._controls.show_view(state.view)
-        if before is not None and before.flight != state.flight:
-            self._panels.forget()
         self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
         for number, scene in enumerate(self._scenes):
             # only the chosen flight shows objects: a flight that is already over would show its target at an old place

@@ -4,7 +4,9 @@ The browser uses glTF’s axes (x east, y up, z south). `episodes.maps.gltf.docu
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -149,6 +151,37 @@ def add_drone(server: viser.ViserServer, node: str, color: Vec3, camera: CameraM
     if label:
         server.scene.add_label(f"{node}/name", label, position=(0.0, 0.55, 0.0), anchor="bottom-center")
     return body, frustum
+
+
+class SceneNodes:
+    """Nodes below a root node of the browser's scene. viser sends only changed properties."""
+
+    def __init__(self, server: viser.ViserServer, root: str) -> None:
+        self._server, self._root = server, root
+        self._nodes: dict[str, Any] = {}
+
+    def put(self, name: str, add: Callable[[str], Any], **properties: Any) -> Any:
+        """Set properties of a node, and return it. `add(path)` adds the node if it does not exist."""
+        if name not in self._nodes:
+            self._nodes[name] = add(f"{self._root}/{name}")
+        for key, value in properties.items():
+            setattr(self._nodes[name], key, value)
+        return self._nodes[name]
+
+    def lines(self, name: str, points: Any, color: tuple[int, int, int], width_px: float) -> None:
+        """Show line segments; see `add_lines`."""
+        self.put(name, lambda path: add_lines(self._server, path, points, color, width_px), points=points)
+
+    def label(self, name: str, text: str, position: Vec3) -> None:
+        """Show a text above a position (m, browser's axes)."""
+        add = partial(self._server.scene.add_label, text=text, anchor="bottom-center")
+        self.put(name, add, text=text, position=position)
+
+    def drop(self, *names: str) -> None:
+        """Remove those of the nodes that exist."""
+        for name in names:
+            if (node := self._nodes.pop(name, None)) is not None:
+                node.remove()
 
 
 def ring(terrain: HeightField, centre: tuple[float, float], radius_m: float, count: int = 96) -> Array:
