@@ -3,7 +3,7 @@
 import itertools
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.judge.statistics.differences import MeanDifference, mean_difference, share_difference
@@ -22,22 +22,28 @@ from dronecats.study.analysis.study_results import (
     successes,
 )
 
-SUCCESS = "success"
+SUCCESS, NE = "success", "ne_m"
 METRICS = (SUCCESS, *(measure.name for measure in MEASURES))
+POINTS_MAX = 100  # a study with more points, such as a Latin hypercube, gets no table of points
+UNDISTURBED = "the usual levels"  # title of the point with the usual (most frequent) level of every factor
+
+Parts = Mapping[LevelStep, Sequence[StudiedFlight]]  # the flights of one entrant and cell, by level or point
+Pair = tuple[StudiedFlight, StudiedFlight]
+StudyPoint = tuple[StudiedLevel, ...]  # a point of the design: one level of every factor
 
 
 @dataclass(frozen=True, slots=True)
 class PairedDifference:
     """The difference in a metric between two sides, the first minus the second, over their pairs of flights."""
 
-    factor: int  # index in StudyResults.factors; -1: the sides are compared at points
     cell: str
     metric: str  # one of METRICS
     first: str  # entrant (pilot) of the first side
     second: str  # entrant of the second side; may be the same
-    at: LevelStep  # the level of the first side
+    at: LevelStep  # the level of the first side, or the point of both sides
     against: LevelStep  # the level of the second side
     pairs: int  # number of pairs of flights
+    shares: tuple[ShareEstimate, ...]  # share of successes of the first and of the second side; empty for other metrics
     difference: MeanDifference  # of shares (-1 … 1), or in the metric's unit; the statistical unit is the episode
     p_holm: float  # p with Holm's correction over the table's rows of the same entrants, cell and metric
 
@@ -48,18 +54,17 @@ def between_levels(results: StudyResults, factor: int) -> list[PairedDifference]
     If a factor has many levels, `level_steps` groups them. The reference is still a single level, and the other levels
     of its group are in no pair.
     """
-    steps, reference = level_steps(results.factors[factor]), _reference_step(results.factors[factor])
-    differences = []
+    studied, differences = results.factors[factor], []
+    level = studied.reference
+    reference = LevelStep(studied.label(level), None if isinstance(level, str) else level, frozenset({level}))
     for entrant, cell in results.lines():
-        flights = results.of(entrant, cell)
-        base = [flight for flight in flights if flight.levels[factor] in reference.members]
-        for metric in METRICS:
-            rows = []
-            for step in (step for step in steps if not reference.members & step.members):
-                at_step = [flight for flight in flights if flight.levels[factor] in step.members]
-                pairs = pairs_of(at_step, base, factor)
-                rows += difference(factor, cell, metric, (entrant, step), (entrant, reference), pairs)
-            differences += _with_holm(rows)
+        sides = {
+            step: _Side(entrant, step, [f for f in results.of(entrant, cell) if f.levels[factor] in step.members])
+            for step in (reference, *level_steps(studied))
+        }
+        base = sides[reference]
+        others = [(side, base) for step, side in sides.items() if level not in step.members]
+        differences += _differences(cell, METRICS, others, factor)
     return differences
 
 
@@ -68,28 +73,88 @@ def between_entrants(results: StudyResults, factor: int) -> list[PairedDifferenc
 
     Only `comparable` flights are used, as in `level_results`.
     """
-    steps, differences = level_steps(results.factors[factor]), []
-    for (first, second), cell in itertools.product(itertools.combinations(results.entrants, 2), results.groups):
-        by_entrant = [comparable(results, results.of(entrant, cell), factor) for entrant in (first, second)]
-        for metric in METRICS:
-            rows = []
-            for step in steps:
-                ours, theirs = ([f for f in flights if f.levels[factor] in step.members] for flights in by_entrant)
-                rows += difference(factor, cell, metric, (first, step), (second, step), pairs_of(ours, theirs, None))
-            differences += _with_holm(rows)
+
+    def parts(flights: Sequence[StudiedFlight]) -> Parts:
+        kept = comparable(results, flights, factor)
+        return {
+            step: [flight for flight in kept if flight.levels[factor] in step.members]
+            for step in level_steps(results.factors[factor])
+        }
+
+    return _between_entrants(results, METRICS, parts)
+
+
+def point_differences(results: StudyResults) -> list[PairedDifference]:
+    """Return the difference in success and NE (navigation error) of each pair of entrants at each point of the design.
+
+    The title of a point has the levels that differ from the usual ones. The list is empty for a study of one factor, or
+    with more than POINTS_MAX points. A study that varies only the entrant has one point.
+    """
+    count = len({flight.levels for flight in results.scored})
+    if len(results.factors) == 1 or not 0 < count <= POINTS_MAX:
+        return []
+    points = _ordered_points(results)
+    usual = _usual_levels(results.factors, points)
+    titles = {point: point_title(results.factors, point, usual) for point in points}
+
+    def parts(flights: Sequence[StudiedFlight]) -> Parts:
+        return {
+            LevelStep(title, None, frozenset(point)): [flight for flight in flights if flight.levels == point]
+            for point, title in titles.items()
+        }
+
+    return _between_entrants(results, (SUCCESS, NE), parts)
+
+
+def pooled_differences(results: StudyResults, points: Sequence[PairedDifference]) -> list[PairedDifference]:
+    """Return the difference in success of each pair of entrants, pooled over all points; empty without `points`.
+
+    There is one difference per pair and cell. The statistical unit is the episode, with its mean over all points.
+    """
+    step = LevelStep("all", None, frozenset())
+    return _between_entrants(results, (SUCCESS,), lambda flights: {step: flights}) if points else []
+
+
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """One side of a comparison."""
+
+    entrant: str
+    step: LevelStep
+    flights: Sequence[StudiedFlight]
+
+
+def _between_entrants(
+    results: StudyResults, metrics: Sequence[str], parts: Callable[[Sequence[StudiedFlight]], Parts]
+) -> list[PairedDifference]:
+    """Return the differences of each pair of entrants in each cell. `parts` divides an entrant's flights."""
+    differences = []
+    for pair, cell in itertools.product(itertools.combinations(results.entrants, 2), results.groups):
+        first, second = (
+            [_Side(entrant, step, flights) for step, flights in parts(results.of(entrant, cell)).items()]
+            for entrant in pair
+        )
+        differences += _differences(cell, metrics, list(zip(first, second, strict=True)), None)
     return differences
 
 
-Pair = tuple[StudiedFlight, StudiedFlight]
+def _differences(
+    cell: str, metrics: Sequence[str], sides: Sequence[tuple[_Side, _Side]], factor: int | None
+) -> list[PairedDifference]:
+    """Return the differences of the two sides in each metric, with Holm's correction over the rows of a metric.
+
+    `factor`: the factor whose level differs between the sides; None: no level differs.
+    """
+    matched = [(first, second, _pairs_of(first.flights, second.flights, factor)) for first, second in sides]
+    differences = []
+    for metric in metrics:
+        rows = [row for first, second, pairs in matched if (row := _difference(cell, metric, first, second, pairs))]
+        adjusted = holm([row.difference.p for row in rows])
+        differences += [replace(row, p_holm=p) for row, p in zip(rows, adjusted, strict=True)]
+    return differences
 
 
-def _reference_step(factor: StudiedFactor) -> LevelStep:
-    """Return a step that has only the reference level."""
-    reference = factor.reference
-    return LevelStep(factor.label(reference), None if isinstance(reference, str) else reference, frozenset({reference}))
-
-
-def pairs_of(first: Sequence[StudiedFlight], second: Sequence[StudiedFlight], factor: int | None) -> list[Pair]:
+def _pairs_of(first: Sequence[StudiedFlight], second: Sequence[StudiedFlight], factor: int | None) -> list[Pair]:
     """Return the pairs of flights with the same episode, flight number and levels of all factors but `factor`."""
 
     def key(flight: StudiedFlight) -> object:
@@ -99,91 +164,30 @@ def pairs_of(first: Sequence[StudiedFlight], second: Sequence[StudiedFlight], fa
     return [(flight, seconds[key(flight)]) for flight in first if key(flight) in seconds]
 
 
-def difference(
-    factor: int,
-    cell: str,
-    metric: str,
-    first: tuple[str, LevelStep],
-    second: tuple[str, LevelStep],
-    pairs: Sequence[Pair],
-) -> list[PairedDifference]:
-    """Return a list with one difference; empty if no pair has the metric in both flights."""
+def _difference(cell: str, metric: str, first: _Side, second: _Side, pairs: Sequence[Pair]) -> PairedDifference | None:
+    """Return the difference over the pairs; None if no pair has the metric in both flights."""
     partner = {id(a): b for a, b in pairs}
-    if metric == SUCCESS:
-        means = [
-            statistics.fmean(a.scored.success - partner[id(a)].scored.success for a in group)
-            for group in by_episode([a for a, _ in pairs]).values()
-        ]
-        apart = len({id(b) for _, b in pairs})  # count a flight that is in several pairs once
-        estimate, count = share_difference(means, max(1.0, apart / max(1, len(means)))), len(pairs)
-    else:
-        means, count = [], 0
-        for group in by_episode([a for a, _ in pairs]).values():
+    groups = by_episode([a for a, _ in pairs]).values()
+    means, count, shares = [], 0, ()
+    for group in groups:
+        if metric == SUCCESS:
+            changes = [float(a.scored.success) - partner[id(a)].scored.success for a in group]
+        else:
             values = [(a.scored.values.get(metric), partner[id(a)].scored.values.get(metric)) for a in group]
             changes = [float(a) - float(b) for a, b in values if a is not None and b is not None]
-            means += [statistics.fmean(changes)] if changes else []
-            count += len(changes)
+        means += [statistics.fmean(changes)] if changes else []
+        count += len(changes)
+    if not means:
+        return None
+    if metric == SUCCESS:
+        apart = len({id(b) for _, b in pairs})  # count a flight that is in several pairs once
+        estimate = share_difference(means, max(1.0, apart / len(means)))
+        shares = successes([a for a, _ in pairs]), successes([b for _, b in pairs])
+    else:
         estimate = mean_difference(means)
-    if not estimate.episodes:
-        return []
-    return [
-        PairedDifference(factor, cell, metric, first[0], second[0], first[1], second[1], count, estimate, estimate.p)
-    ]
-
-
-def _with_holm(rows: Sequence[PairedDifference]) -> list[PairedDifference]:
-    adjusted = holm([row.difference.p for row in rows])
-    return [replace(row, p_holm=p) for row, p in zip(rows, adjusted, strict=True)]
-
-
-NE = "ne_m"
-POINTS_MAX = 100  # a study with more points, such as a Latin hypercube, gets no table of points
-UNDISTURBED = "the usual levels"  # title of the point with the usual (most frequent) level of every factor
-
-StudyPoint = tuple[StudiedLevel, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class PointDifference:
-    """The difference of two entrants at one point of the design. A point is one level of every factor."""
-
-    first: str
-    second: str
-    cell: str
-    title: str  # the levels that differ from the usual ones, for example: Wind 10 m/s
-    shares: tuple[ShareEstimate, ShareEstimate]  # share of successes of the first and of the second entrant
-    success: PairedDifference  # first minus second; Holm's correction: over all points of the pair in the cell
-    ne: PairedDifference | None  # likewise for NE (navigation error); None: no pair has an NE in both flights
-
-
-def point_differences(results: StudyResults) -> list[PointDifference]:
-    """Return the difference of each pair of entrants at each point that both entrants flew.
-
-    The list is empty for a study of one factor, or with more than POINTS_MAX points. A study that varies only the
-    entrant has one point.
-    """
-    count = len({flight.levels for flight in results.scored})
-    if len(results.factors) == 1 or not 0 < count <= POINTS_MAX:
-        return []
-    points = _ordered_points(results)
-    usual = _usual_levels(results.factors, points)
-    differences = []
-    for (first, second), cell in itertools.product(itertools.combinations(results.entrants, 2), results.groups):
-        rows = [row for point in points if (row := _point_difference(results, (first, second), cell, point, usual))]
-        differences += _points_with_holm(rows)
-    return differences
-
-
-def pooled_differences(results: StudyResults, points: Iterable[PointDifference]) -> list[PairedDifference]:
-    """Return the difference in success of each pair of entrants in `points`, pooled over all points that both flew.
-
-    There is one difference per pair and cell. The statistical unit is the episode, with its mean over all points.
-    """
-    differences, step = [], LevelStep("all", None, frozenset())
-    for first, second, cell in dict.fromkeys((point.first, point.second, point.cell) for point in points):
-        pairs = pairs_of(results.of(first, cell), results.of(second, cell), None)
-        differences += difference(-1, cell, SUCCESS, (first, step), (second, step), pairs)
-    return differences
+    return PairedDifference(
+        cell, metric, first.entrant, second.entrant, first.step, second.step, count, shares, estimate, estimate.p
+    )
 
 
 def point_title(factors: Sequence[StudiedFactor], point: StudyPoint, usual: StudyPoint) -> str:
@@ -195,22 +199,6 @@ def point_title(factors: Sequence[StudiedFactor], point: StudyPoint, usual: Stud
     ]
     text = ", ".join(changes) or UNDISTURBED
     return text[:1].upper() + text[1:]
-
-
-def _point_difference(
-    results: StudyResults, entrants: tuple[str, str], cell: str, point: StudyPoint, usual: StudyPoint
-) -> PointDifference | None:
-    title = point_title(results.factors, point, usual)
-    step = LevelStep(title, None, frozenset())
-    first, second = ([flight for flight in results.of(entrant, cell) if flight.levels == point] for entrant in entrants)
-    pairs = pairs_of(first, second, None)
-    sides = (entrants[0], step), (entrants[1], step)
-    success = difference(-1, cell, SUCCESS, *sides, pairs)
-    ne = difference(-1, cell, NE, *sides, pairs)
-    if not success:
-        return None
-    shares = successes([a for a, _ in pairs]), successes([b for _, b in pairs])
-    return PointDifference(*entrants, cell, title, shares, success[0], ne[0] if ne else None)
 
 
 def _ordered_points(results: StudyResults) -> list[StudyPoint]:
@@ -241,11 +229,3 @@ def _usual_levels(factors: Sequence[StudiedFactor], points: Iterable[StudyPoint]
         common = [level for level in counts if counts[level] == most]
         usual.append(factor.reference if factor.reference in common else common[0])
     return tuple(usual)
-
-
-def _points_with_holm(rows: Sequence[PointDifference]) -> list[PointDifference]:
-    success = _with_holm([row.success for row in rows])
-    ne = iter(_with_holm([row.ne for row in rows if row.ne is not None]))
-    return [
-        replace(row, success=s, ne=None if row.ne is None else next(ne)) for row, s in zip(rows, success, strict=True)
-    ]

@@ -14,7 +14,6 @@ from dronecats.report.report_data import cell_heading
 from dronecats.report.table import rounded
 from dronecats.study.analysis.differences import (
     PairedDifference,
-    PointDifference,
     between_entrants,
     between_levels,
     point_differences,
@@ -54,7 +53,7 @@ class Findings:
     factors: tuple[FactorFindings, ...]
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
-    points: tuple[PointDifference, ...]  # differences between entrants at each point (one level per factor)
+    points: tuple[PairedDifference, ...]  # differences between entrants at each point (one level per factor)
     pooled: tuple[PairedDifference, ...]  # differences between entrants, pooled over all points
 
     def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:

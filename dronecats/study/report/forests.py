@@ -38,9 +38,9 @@ def point_differences(findings: Findings) -> Any | None:
 
     A point is a level of every factor.
     """
-    rows = [(point.success, f"{point.first} minus {point.second}") for point in findings.points]
+    rows = [(row, f"{row.first} minus {row.second}") for row in findings.points if row.metric == SUCCESS]
     labels = list(dict.fromkeys(label for _, label in rows))
-    height_in = 0.6 + (0.11 + 0.06 * len(labels)) * len({point.title for point in findings.points})
+    height_in = 0.6 + (0.11 + 0.06 * len(labels)) * len({row.at for row, _ in rows})
     axis_label = "difference (points)" if len(labels) > 1 else f"{labels[0]} (points)" if labels else ""
     return _forest(findings, None, rows, labels, axis_label, height_in)
 

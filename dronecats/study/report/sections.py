@@ -131,7 +131,7 @@ def summary(findings: Findings) -> list[str]:
 
 def _pooled_sentences(findings: Findings, cells: Sequence[str]) -> Iterator[str]:
     """Yield a sentence on the difference of each pair of entrants, pooled over all points."""
-    count = len({point.title for point in findings.points})
+    count = len({row.at for row in findings.points})
     for difference in findings.pooled:
         if difference.cell in cells:
             entrants = in_cell(f"{difference.first} minus {difference.second}", difference.cell)

@@ -20,7 +20,7 @@ from dronecats.report.table import (
 )
 from dronecats.study.analysis.differences import NE, SUCCESS, PairedDifference
 from dronecats.study.analysis.steps import QUANTILES, StepQuantiles
-from dronecats.study.analysis.study_results import MEASURES, LevelResult
+from dronecats.study.analysis.study_results import MEASURES, LevelResult, LevelStep
 from dronecats.study.report.findings import (
     PERCENT,
     FactorFindings,
@@ -245,29 +245,18 @@ def between_entrants(findings: Findings, along: FactorFindings) -> ReportTable |
 
 def point_differences(findings: Findings) -> ReportTable | None:
     """Return a table of the difference of each pair of entrants, a row per point of the design; None without points."""
-    if not findings.points:
-        return None
-    rows = [
-        (in_cell(f"{point.first} and {point.second}", point.cell),
-         row(point.title, point.success.pairs, *map(share_cell, point.shares),
-             *_difference_cells(point.success, SUCCESS), *_difference_cells(point.ne, NE)))
-        for point in findings.points
-    ]  # fmt: skip
-    columns = [words("Where", "point"), numbers("Pairs", "pairs")]
-    columns += [
-        numbers(side.capitalize(), f"{side}_percent", group="Success", unit="%") for side in ("first", "second")
-    ]
-    columns += [column for metric in (SUCCESS, NE) for column in _difference_columns(metric)]
+    differences = ((in_cell(f"{d.first} and {d.second}", d.cell), d) for d in findings.points)
     caption = (
         "Success of the first and of the second, and the first minus the second, at every point of the design; a row"
         f" names the factors that are not at their usual level. {TESTS}"
     )
-    return _table(findings, "at_points", "Entrants against each other, at every point", caption, columns, rows)
+    title = "Entrants against each other, at every point"
+    return _difference_table(findings, None, differences, "at_points", title, caption)
 
 
 def _difference_table(
     findings: Findings,
-    along: FactorFindings,
+    along: FactorFindings | None,
     differences: Iterable[tuple[str, PairedDifference]],
     name: str,
     title: str,
@@ -275,20 +264,28 @@ def _difference_table(
 ) -> ReportTable | None:
     """Return a table with a row per level and a group of columns per measure; None without differences.
 
-    `differences`: (title of the row's block, difference).
+    `along` None: a row per point, with the shares of successes of both sides. `differences`: (title of the row's block,
+    difference).
     """
-    by_row: dict[tuple[str, str], dict[str, PairedDifference]] = {}
+    by_row: dict[tuple[str, LevelStep], dict[str, PairedDifference]] = {}
     for block, difference in differences:
-        by_row.setdefault((block, difference.at.title), {})[difference.metric] = difference
+        by_row.setdefault((block, difference.at), {})[difference.metric] = difference
     if not by_row:
         return None
-    columns = [words(along.factor.title, "level"), numbers("Pairs", "pairs")]
-    columns += [column for metric in TITLES for column in _difference_columns(metric)]
+    metrics = tuple(TITLES) if along else (SUCCESS, NE)
+    columns = [words(along.factor.title, "level") if along else words("Where", "point"), numbers("Pairs", "pairs")]
+    if not along:
+        columns += [
+            numbers(side.capitalize(), f"{side}_percent", group="Success", unit="%") for side in ("first", "second")
+        ]
+    columns += [column for metric in metrics for column in _difference_columns(metric)]
     rows = []
-    for (block, level), by_metric in by_row.items():
-        cells = [cell for metric in TITLES for cell in _difference_cells(by_metric.get(metric), metric)]
-        rows.append((block, row(level, max(difference.pairs for difference in by_metric.values()), *cells)))
-    return _table(findings, along.artifact_name(name), title, caption, columns, rows)
+    for (block, step), by_metric in by_row.items():
+        shares = () if along else map(share_cell, by_metric[SUCCESS].shares)
+        cells = [cell for metric in metrics for cell in _difference_cells(by_metric.get(metric), metric)]
+        pairs = max(difference.pairs for difference in by_metric.values())
+        rows.append((block, row(step.title, pairs, *shares, *cells)))
+    return _table(findings, along.artifact_name(name) if along else name, title, caption, columns, rows)
 
 
 def _difference_columns(metric: str) -> list[TableColumn]:

@@ -48,8 +48,8 @@ def apart(first: list[list[bool]], second: list[list[bool]]) -> list[Fraction]:
 
 def test_each_point_uses_its_own_flights_and_is_named_by_its_unusual_levels():
     studied = study()
-    rows = point_differences(studied)
-    assert [row.title for row in rows] == [
+    rows = [row for row in point_differences(studied) if row.metric == SUCCESS]
+    assert [row.at.title for row in rows] == [
         UNDISTURBED.capitalize(), "Latency 1 s", "Latency 2 s", "Wind 5 m/s", "Wind 10 m/s",
     ]  # fmt: skip
     ps = []
@@ -58,11 +58,11 @@ def test_each_point_uses_its_own_flights_and_is_named_by_its_unusual_levels():
         assert [(share.successes, share.trials) for share in row.shares] == [
             (sum(map(sum, flights)), 60) for flights in (first, second)
         ]
-        assert row.success.difference.mean == pytest.approx((sum(map(sum, first)) - sum(map(sum, second))) / 60)
-        assert row.success.pairs == 60
-        assert row.success.difference.p == pytest.approx(randomised(apart(first, second)))
-        ps.append(row.success.difference.p)
-    assert [row.success.p_holm for row in rows] == holm(ps)
+        assert row.difference.mean == pytest.approx((sum(map(sum, first)) - sum(map(sum, second))) / 60)
+        assert row.pairs == 60
+        assert row.difference.p == pytest.approx(randomised(apart(first, second)))
+        ps.append(row.difference.p)
+    assert [row.p_holm for row in rows] == holm(ps)
     assert len(set(ps)) > 1
 
 
@@ -118,13 +118,13 @@ def test_single_entrants_single_factors_and_too_many_points_have_no_rows():
 
 def test_the_usual_level_is_the_most_frequent_one_or_the_reference_in_a_grid():
     points = [(1.0, 0.0), (0.0, 0.0), (2.0, 0.0), (1.0, 5.0), (1.0, 10.0)]
-    assert [row.title for row in point_differences(study(points))] == [
+    assert [row.at.title for row in point_differences(study(points)) if row.metric == SUCCESS] == [
         UNDISTURBED.capitalize(), "Latency 0 s", "Latency 2 s", "Wind 5 m/s", "Wind 10 m/s",
     ]  # fmt: skip
-    assert point_differences(study(GRID))[-1].title == "Latency 2 s, wind 10 m/s"
+    assert point_differences(study(GRID))[-1].at.title == "Latency 2 s, wind 10 m/s"
     assert point_title((LATENCY, WIND), (0.0, 5.0), (0.0, 0.0)) == "Wind 5 m/s"
 
 
 def test_entrants_are_compared_in_a_study_without_other_factors():
     row, *_ = point_differences(study([()], factors=(), law=lambda: 0.0))
-    assert (row.first, row.second, row.title.lower()) == ("one", "two", UNDISTURBED)
+    assert (row.first, row.second, row.at.title.lower()) == ("one", "two", UNDISTURBED)
