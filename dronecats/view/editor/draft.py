@@ -5,7 +5,9 @@ operation returns a new one, so undo goes back to an older draft.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from dronecats.view.editor import suggest
 from dronecats.view.editor.suggest import Knots
@@ -45,6 +47,10 @@ class Draft:
     record: EpisodeRecord
     knots: Knots = ()  # the clicked points of the path; the record's waypoints follow from them
     own_words: bool = False  # whether the user wrote the instruction, so that no suggestion replaces it
+
+
+T = TypeVar("T")
+DraftOperation = Callable[[Draft], Draft]
 
 
 class Drafting:
@@ -92,11 +98,9 @@ class Drafting:
         if draft.record.cell in MOVING and asset in STATIONARY:
             raise UsageError(f"the target of a {draft.record.cell} episode moves, but a {asset} cannot move.")
         paint = paint if paint in assets.PAINTS else "cyan"
-        if target.native is not None:
-            target = replace(target, native=None)
-        record = replace(draft.record, target=replace(target, asset=asset, paint=paint))
-        candidates = tuple(replace(candidate, asset=asset, paint=paint) for candidate in record.candidates)
-        return self.with_derived_fields(replace(draft, record=replace(record, candidates=candidates)))
+        target = replace(target, asset=asset, paint=paint, native=None)
+        candidates = tuple(replace(candidate, asset=asset, paint=paint) for candidate in draft.record.candidates)
+        return self._changed(draft, target=target, candidates=candidates)
 
     def adopt(self, draft: Draft, name: str) -> Draft:
         """Return the draft with an object of the map as target. Raises UsageError if the cell does not allow this."""
@@ -120,18 +124,14 @@ class Drafting:
             return self._walked(draft, tuple((n + north - here[0], e + east - here[1]) for n, e in draft.knots))
         yaw = target.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         moved = replace(target, position_ned=self.on_ground(north, east), yaw_deg=yaw)
-        return self.with_derived_fields(replace(draft, record=replace(draft.record, target=moved)))
+        return self._changed(draft, target=moved)
 
     def inscribe(self, draft: Draft, which: int, text: str) -> Draft:
         """Return the draft with an inscription on the target (0) or on look-alike `which` (1 …); "" removes it."""
         written = text.strip().upper() or None
-        record = draft.record
         if which == 0:
-            record = replace(record, target=replace(record.target, inscription=written))
-        else:
-            changed = replace(record.candidates[which - 1], inscription=written)
-            record = replace(record, candidates=_with(record.candidates, which - 1, changed))
-        return self.with_derived_fields(replace(draft, record=record))
+            return self._changed(draft, target=replace(draft.record.target, inscription=written))
+        return self._with_candidate(draft, which - 1, inscription=written)
 
     # ---- the target's path
 
@@ -158,8 +158,7 @@ class Drafting:
         if path is None:
             return draft
         speed = min(max(round(speed_mps, 3), 0.01), MAX_SPEED_MPS)
-        target = replace(draft.record.target, path=replace(path, speed_mps=speed))
-        return self.with_derived_fields(replace(draft, record=replace(draft.record, target=target)))
+        return self._changed(draft, target=replace(draft.record.target, path=replace(path, speed_mps=speed)))
 
     # ---- the drones
 
@@ -168,13 +167,13 @@ class Drafting:
         start = draft.record.starts[which]
         yaw = start.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         place = self.on_ground(north, east, self.height(start))
-        return self._started(draft, which, StartPose(place, yaw))
+        return self._changed(draft, starts=_with(draft.record.starts, which, StartPose(place, yaw)))
 
     def raise_start(self, draft: Draft, which: int, height_m: float) -> Draft:
         """Return the draft with one drone at another height above the ground."""
         start = draft.record.starts[which]
         place = self.on_ground(start.position_ned[0], start.position_ned[1], height_m)
-        return self._started(draft, which, replace(start, position_ned=place))
+        return self._changed(draft, starts=_with(draft.record.starts, which, replace(start, position_ned=place)))
 
     def height(self, start: StartPose) -> float:
         """Return the height (m) of a start above the ground."""
@@ -205,16 +204,11 @@ class Drafting:
         (north, east, _), yaw = starts[-1].position_ned, starts[-1].yaw_deg
         right = math.radians(yaw + 90.0)
         place = self.on_ground(north + GRID_SIDE_M * math.cos(right), east + GRID_SIDE_M * math.sin(right), HEIGHT_M)
-        return self.with_derived_fields(
-            replace(draft, record=replace(draft.record, starts=(*starts, StartPose(place, yaw))))
-        )
+        return self._changed(draft, starts=(*starts, StartPose(place, yaw)))
 
     def drop_start(self, draft: Draft) -> Draft:
         """Return the draft without its last drone; the first one always stays."""
-        starts = draft.record.starts
-        return self.with_derived_fields(
-            replace(draft, record=replace(draft.record, starts=starts[: max(len(starts) - 1, 1)]))
-        )
+        return self._changed(draft, starts=draft.record.starts[:-1] or draft.record.starts)
 
     def grid(self, draft: Draft) -> Draft:
         """Return the draft with four drones in a square of 2 m. The first drone stays and gives height and yaw."""
@@ -224,7 +218,7 @@ class Drafting:
         spots = [(north + turned[0, 0] * x + turned[0, 1] * y, east + turned[1, 0] * x + turned[1, 1] * y)
                  for x, y in corners]  # fmt: skip
         starts = tuple(StartPose(self.on_ground(n, e, height), yaw) for n, e in spots)
-        return self.with_derived_fields(replace(draft, record=replace(draft.record, starts=starts)))
+        return self._changed(draft, starts=starts)
 
     # ---- look-alikes
 
@@ -238,21 +232,17 @@ class Drafting:
         yaw = record.target.yaw_deg
         text = suggest.inscription({candidate.inscription for candidate in (record.target, *record.candidates)})
         added = replace(record.target, inscription=text, position_ned=self.on_ground(north, east), yaw_deg=yaw)
-        return self.with_derived_fields(replace(draft, record=replace(record, candidates=(*record.candidates, added))))
+        return self._changed(draft, candidates=(*record.candidates, added))
 
     def move_candidate(
         self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None
     ) -> Draft:
-        candidate = draft.record.candidates[which]
-        yaw = candidate.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
-        moved = replace(candidate, position_ned=self.on_ground(north, east), yaw_deg=yaw)
-        candidates = _with(draft.record.candidates, which, moved)
-        return self.with_derived_fields(replace(draft, record=replace(draft.record, candidates=candidates)))
+        yaw = draft.record.candidates[which].yaw_deg if yaw_deg is None else _degrees(yaw_deg)
+        return self._with_candidate(draft, which, position_ned=self.on_ground(north, east), yaw_deg=yaw)
 
     def drop_candidate(self, draft: Draft) -> Draft:
         """Return the draft without its last look-alike; the first one always stays."""
-        kept = draft.record.candidates[: max(len(draft.record.candidates) - 1, 1)]
-        return self.with_derived_fields(replace(draft, record=replace(draft.record, candidates=kept)))
+        return self._changed(draft, candidates=draft.record.candidates[:-1] or draft.record.candidates)
 
     # ---- the episode
 
@@ -280,11 +270,7 @@ class Drafting:
         if draft.record.candidates:
             alone = replace(draft.record, candidates=(), starts=draft.record.starts[:1])
             draft = replace(draft, record=alone)
-        if cell in HIDDEN:
-            draft = self.face(draft, 0, TURNED_AWAY_DEG)
-        elif draft.record.starts:
-            draft = self.face(draft, 0)
-        return self.with_derived_fields(draft)
+        return self.face(draft, 0, TURNED_AWAY_DEG if cell in HIDDEN else 0.0)
 
     def instruct(self, draft: Draft, text: str) -> Draft:
         """Return the draft with another instruction; an empty one restores the suggested one."""
@@ -330,9 +316,13 @@ class Drafting:
             record = replace(record, instruction=suggest.instruction(record))
         return replace(draft, record=record)
 
-    def _started(self, draft: Draft, which: int, start: StartPose) -> Draft:
-        starts = (*draft.record.starts[:which], start, *draft.record.starts[which + 1 :])
-        return self.with_derived_fields(replace(draft, record=replace(draft.record, starts=starts)))
+    def _changed(self, draft: Draft, **fields: Any) -> Draft:
+        """Return the draft with other values of fields of its record."""
+        return self.with_derived_fields(replace(draft, record=replace(draft.record, **fields)))
+
+    def _with_candidate(self, draft: Draft, which: int, **fields: Any) -> Draft:
+        changed = replace(draft.record.candidates[which], **fields)
+        return self._changed(draft, candidates=_with(draft.record.candidates, which, changed))
 
     def _walked(self, draft: Draft, knots: Knots) -> Draft:
         """Return the draft with a path through `knots` that follows the ground."""
@@ -364,8 +354,8 @@ class Drafting:
         return self.grid(self.face(draft, 0)) if len(record.starts) != 4 else draft
 
 
-def _with(candidates: tuple[TargetRecord, ...], which: int, changed: TargetRecord) -> tuple[TargetRecord, ...]:
-    return (*candidates[:which], changed, *candidates[which + 1 :])
+def _with(values: tuple[T, ...], which: int, changed: T) -> tuple[T, ...]:
+    return (*values[:which], changed, *values[which + 1 :])
 
 
 def _degrees(yaw: float) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.view.editor.assessment import Previews, findings
-from dronecats.view.editor.draft import Draft, Drafting
+from dronecats.view.editor.draft import Draft, Drafting, DraftOperation
 from dronecats.view.editor.panels import Panels
 from dronecats.view.editor.scene_view import SceneView
 from dronecats.view.scene import display
@@ -50,7 +50,7 @@ class Session:
     def record(self) -> EpisodeRecord:
         return self._draft.record
 
-    def do(self, operation: Callable[[Draft], Draft], gesture: str = "") -> None:
+    def do(self, operation: DraftOperation, gesture: str = "") -> None:
         """Apply an operation to the draft. If the operation raises an exception, nothing changes."""
         with self._turn:
             following = operation(self._draft)
@@ -128,7 +128,9 @@ class Editor:
         self._showing = threading.RLock()
         self._picker = display.Picker(self.drafting.scene)
         self._previews = Previews()
-        self._panels = Panels(self._server, self, f"DroneCATS · {scene_name}")
+        steps = {"Undo": session.undo, "Redo": session.redo}
+        title = f"DroneCATS · {scene_name}"
+        self._panels = Panels(self._server, self.drafting, title, steps, self.do, self.save, self.select)
         self._view = SceneView(self._server, self.drafting, self.moved, session.settle)
         self._view.frame(session.draft)
         self._pictures = NewestItemWorker(self._draw, "editor-picture")
@@ -150,7 +152,7 @@ class Editor:
 
     # ---- calls from the panels
 
-    def do(self, operation: Callable[[Draft], Draft], client: Any) -> None:
+    def do(self, operation: DraftOperation, client: Any) -> None:
         """Change the draft, or show the error to the client."""
         try:
             self.session.do(operation)
@@ -169,12 +171,6 @@ class Editor:
         checks = "the checks are still running" if self.checked != record else f"{red} checks are red" if red else ""
         self._panels.show_note(f"Written: {path}" + (f" ({checks})" if checks else ""))
 
-    def undo(self) -> None:
-        self.session.undo()
-
-    def redo(self) -> None:
-        self.session.redo()
-
     def select(self, drone: int) -> None:
         self._panels.show(self.session.draft)
         self._pictures.put((self.session.record, drone))
@@ -184,7 +180,7 @@ class Editor:
     def moved(self, name: str, north: float, east: float, yaw_deg: float) -> None:
         kind, _, number = name.partition("-")
         which = int(number or 0)
-        operations: dict[str, Callable[[Draft], Draft]] = {
+        operations: dict[str, DraftOperation] = {
             "target": lambda d: self.drafting.move_target(d, north, east, yaw_deg),
             "waypoint": lambda d: self.drafting.move_waypoint(d, which, north, east),
             "drone": lambda d: self.drafting.move_start(d, which, north, east, yaw_deg),
@@ -202,7 +198,7 @@ class Editor:
         if hit is None:
             return
         (north, east, _), instance = hit
-        operations: dict[str, Callable[[Draft], Draft]] = {
+        operations: dict[str, DraftOperation] = {
             "target": lambda d: self.drafting.move_target(d, north, east),
             "waypoint": lambda d: self.drafting.add_waypoint(d, north, east),
             "drone": lambda d: self.drafting.move_start(d, self._panels.drone, north, east),

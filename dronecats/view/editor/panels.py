@@ -1,15 +1,15 @@
 """The panels of the editor: the fields of the draft, the camera's picture, and the checks."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import viser
 
 from dronecats.report.kit.palette import LIGHT
 from dronecats.view.editor.assessment import PREVIEW
-from dronecats.view.editor.draft import Draft, Drafting
+from dronecats.view.editor.draft import Draft, Drafting, DraftOperation
 from episodes.authoring.check.finding import ALTITUDE_M, RuleFinding
 from episodes.maps import assets
 from episodes.records.record import CELLS, MAX_SEED
@@ -65,29 +65,26 @@ CLICKS = {  # choice in the dropdown → meaning of a click on the map
 NATIVE = "(an object of the map)"
 
 
-class PanelOrders(Protocol):
-    """The methods that the panels call. `Editor` implements them."""
-
-    drafting: Drafting
-
-    def do(self, operation: Callable[[Draft], Draft], client: Any) -> None: ...
-
-    def save(self, replace: bool, client: Any) -> None: ...
-
-    def undo(self) -> None: ...
-
-    def redo(self) -> None: ...
-
-    def select(self, drone: int) -> None: ...
-
-
 class Panels:
-    """Shows the fields of a draft, and calls PanelOrders when a user edits them."""
+    """Shows the fields of a draft, and calls functions when a user edits them."""
 
-    def __init__(self, server: viser.ViserServer, orders: PanelOrders, title: str) -> None:
-        self._gui = server.gui
-        self._orders = orders
-        self._drone = 0
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        drafting: Drafting,
+        title: str,
+        steps: Mapping[str, Callable[[], object]],
+        do: Callable[[DraftOperation, Any], None],
+        save: Callable[[bool, Any], None],
+        select: Callable[[int], None],
+    ) -> None:
+        """`steps`: the buttons of the undo history. `do` gets an operation and the user's client.
+
+        `save` gets whether to replace the file, and the client; `select` the index of the chosen drone.
+        """
+        self._gui, self._drafting, self._select = server.gui, drafting, select
+        self._do_for = do
+        self.drone = 0  # index of the drone whose fields are shown
         self._inscribed = 0
         server.gui.set_panel_label(title)
         view = server.gui.add_panel()
@@ -99,8 +96,8 @@ class Panels:
         view.dock_left()
         view.set_width(400)
         self._clicks: Any = self._gui.add_dropdown("A click on the map", tuple(CLICKS), initial_value="Look around")
-        self._steps = self._gui.add_button_group("Step", ("Undo", "Redo"))
-        self._steps.on_click(lambda event: orders.undo() if event.target.value == "Undo" else orders.redo())
+        self._steps = self._gui.add_button_group("Step", tuple(steps))
+        self._steps.on_click(lambda event: steps[event.target.value]())
         tabs = self._gui.add_tab_group()
         with tabs.add_tab("Target", viser.Icon.TARGET):
             self._target_tab()
@@ -110,19 +107,14 @@ class Panels:
             self._episode_tab()
         self._save = self._gui.add_button("Write the record", icon=viser.Icon.DEVICE_FLOPPY)
         self._replace = self._gui.add_button("Replace the file", color="red", visible=False)
-        self._save.on_click(lambda event: orders.save(False, event.client))
-        self._replace.on_click(lambda event: orders.save(True, event.client))
+        self._save.on_click(lambda event: save(False, event.client))
+        self._replace.on_click(lambda event: save(True, event.client))
         self._note = self._gui.add_markdown("")
 
     @property
     def click(self) -> str:
         """The meaning of a click on the map: '', 'target', 'waypoint', 'drone', 'candidate' or 'native'."""
         return CLICKS[self._clicks.value]
-
-    @property
-    def drone(self) -> int:
-        """The index of the drone whose fields are shown."""
-        return self._drone
 
     def show(self, draft: Draft) -> None:
         record, target = draft.record, draft.record.target
@@ -143,13 +135,13 @@ class Panels:
         self._path_group.visible = target.path is not None
         if target.path is not None:
             self._speed.value = target.path.speed_mps
-        self._drone = min(self._drone, len(record.starts) - 1)
+        self.drone = min(self.drone, len(record.starts) - 1)
         drones = tuple(f"drone {k}" for k in range(1, len(record.starts) + 1))
         if self._which.options != drones:
             self._which.options = drones
-        self._which.value = drones[self._drone]
-        start = record.starts[self._drone]
-        self._height.value = round(min(max(self._orders.drafting.height(start), 0.3), 10.0), 2)
+        self._which.value = drones[self.drone]
+        start = record.starts[self.drone]
+        self._height.value = round(min(max(self._drafting.height(start), 0.3), 10.0), 2)
         self._yaw.value = round((start.yaw_deg + 180.0) % 360.0 - 180.0, 1)
         self._cell.value = record.cell
         self._words.value = record.instruction
@@ -176,13 +168,13 @@ class Panels:
 
     # ---- tabs
 
-    def _do(self, event: Any, operation: Callable[[Draft], Draft]) -> None:
+    def _do(self, event: Any, operation: DraftOperation) -> None:
         """Apply an operation if a user caused the event; updates by the program have no client and are ignored."""
         if event.client is not None:
-            self._orders.do(operation, event.client)
+            self._do_for(operation, event.client)
 
     def _target_tab(self) -> None:
-        drafting, gui = self._orders.drafting, self._gui
+        drafting, gui = self._drafting, self._gui
         self._asset: Any = gui.add_dropdown("Asset", tuple(assets.names()), initial_value="suv")
         self._paint: Any = gui.add_dropdown("Paint", assets.PAINTS, initial_value="cyan")
         self._bearer: Any = gui.add_dropdown("Inscription of", ("target",), visible=False)
@@ -203,7 +195,7 @@ class Panels:
         def _(event: Any) -> None:
             if event.client is not None:
                 self._inscribed = self._bearer.options.index(self._bearer.value)
-                self._orders.select(self._drone)  # this also shows the text of the chosen object
+                self._select(self.drone)  # this also shows the text of the chosen object
 
         self._text.on_update(
             lambda event: self._do(event, lambda d: drafting.inscribe(d, self._inscribed, self._text.value))
@@ -213,7 +205,7 @@ class Panels:
         self._shorter.on_click(lambda event: self._do(event, drafting.shorten))
 
     def _drones_tab(self) -> None:
-        drafting, gui = self._orders.drafting, self._gui
+        drafting, gui = self._drafting, self._gui
         self._which: Any = gui.add_dropdown("Drone", ("drone 1",))
         self._height: Any = gui.add_slider("Height, m", min=0.3, max=10.0, step=0.05, initial_value=ALTITUDE_M[0])
         self._yaw: Any = gui.add_slider("Yaw, °", min=-180.0, max=180.0, step=0.5, initial_value=0.0)
@@ -224,22 +216,22 @@ class Panels:
         @self._which.on_update
         def _(event: Any) -> None:
             if event.client is not None:
-                self._drone = self._which.options.index(self._which.value)
-                self._orders.select(self._drone)
+                self.drone = self._which.options.index(self._which.value)
+                self._select(self.drone)
 
         def height(d: Draft) -> Draft:
-            return drafting.raise_start(d, self._drone, self._height.value)
+            return drafting.raise_start(d, self.drone, self._height.value)
 
         def yaw(d: Draft) -> Draft:
-            north, east, _ = d.record.starts[self._drone].position_ned
-            return drafting.move_start(d, self._drone, north, east, self._yaw.value)
+            north, east, _ = d.record.starts[self.drone].position_ned
+            return drafting.move_start(d, self.drone, north, east, self._yaw.value)
 
         off = {"Face target": 0.0, "90° left": -90.0, "90° right": 90.0, "Away": 180.0}
         fleet = {"Add": drafting.add_start, "Remove": drafting.drop_start, "2 × 2": drafting.grid}
         self._height.on_update(lambda event: self._do(event, height))
         self._yaw.on_update(lambda event: self._do(event, yaw))
         self._turns.on_click(
-            lambda event: self._do(event, lambda d: drafting.face(d, self._drone, off[event.target.value]))
+            lambda event: self._do(event, lambda d: drafting.face(d, self.drone, off[event.target.value]))
         )
         self._far.on_click(
             lambda event: self._do(event, lambda d: drafting.stand_off(d, float(event.target.value.split()[0])))
@@ -247,7 +239,7 @@ class Panels:
         self._fleet.on_click(lambda event: self._do(event, fleet[event.target.value]))
 
     def _episode_tab(self) -> None:
-        drafting, gui = self._orders.drafting, self._gui
+        drafting, gui = self._drafting, self._gui
         self._cell: Any = gui.add_dropdown("Cell", CELLS, initial_value=CELLS[0])
         self._words: Any = gui.add_text("Instruction", "", multiline=True)
         self._id: Any = gui.add_text("Id", "")

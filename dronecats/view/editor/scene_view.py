@@ -59,7 +59,7 @@ class SceneView:
         self._gizmos: dict[str, _Gizmo] = {}
         self._frustums: dict[int, Any] = {}
         self._held = ""  # name of the dragged object; "": none
-        self._lines: dict[str, tuple[object, Any]] = {}
+        self._lines = display.SceneNodes(server, "/lines")
         display.light(server, drafting.scene.sun)
         display.add_glb(server, "/map", display.map_glb(drafting.scene))
 
@@ -166,44 +166,16 @@ class SceneView:
     def _show_lines(self, draft: Draft) -> None:
         record, terrain = draft.record, self._drafting.scene.terrain
         centre, here = self._drafting.centre(record), record.starts[0].position_ned
-        self._line("success", (centre[:2],), LINE, lambda: display.ring(terrain, centre[:2], RADIUS_M), 3.0)
+        self._lines.lines("success", display.ring(terrain, centre[:2], RADIUS_M), LINE, 3.0)
         low, high = RULES.get(record.map, DEFAULT_RULES).start_distance_m
         has_radii = record.cell != "commanding" and high <= 60.0
         for k, radius_m in enumerate((low, high)):
-            circle = partial(display.ring, terrain, centre[:2], radius_m)
-            self._line(f"distance-{k}", (centre[:2], radius_m), RULER, circle, 1.5, has_radii)
-        sight = np.array([[display.place_of(here), display.place_of(centre)]])
-        self._line("sight", (here, centre), LINE, lambda: sight, 2.0)
+            circle = display.ring(terrain, centre[:2], radius_m) if has_radii else ()
+            self._lines.lines(f"distance-{k}", circle, RULER, 1.5)
+        self._lines.lines("sight", np.array([[display.place_of(here), display.place_of(centre)]]), LINE, 2.0)
         path = record.target.path
         points = [display.place_of((n, e, d - 0.12)) for n, e, d in path.waypoints_ned] if path else []
-        legs = np.array([[a, b] for a, b in itertools.pairwise(points)])
-        self._line("path", tuple(points), PATH, lambda: legs, 5.0, bool(points))
+        self._lines.lines("path", np.array(list(itertools.pairwise(points))), PATH, 5.0)
         name = record.target.native or f"{record.target.paint} {record.target.asset}"
         above = display.place_of((centre[0], centre[1], 2.0 * centre[2] - terrain.at(centre[0], centre[1]) - 0.5))
-        label = partial(
-            self._server.scene.add_label, "/lines/target-name", name, position=above, anchor="bottom-center"
-        )
-        self._redraw("target-name", (name, above), label)
-
-    def _line(
-        self,
-        name: str,
-        key: object,
-        color: tuple[int, int, int],
-        points: Callable[[], Any],
-        width_px: float,
-        shown: bool = True,
-    ) -> None:
-        def add() -> Any:
-            return display.add_lines(self._server, f"/lines/{name}", points(), color, width_px)
-
-        self._redraw(name, (key, shown), add if shown else None)
-
-    def _redraw(self, name: str, key: object, add: Callable[[], Any] | None) -> None:
-        """Replace a line or label if its key has changed, or remove it if `add` is None."""
-        old_key, handle = self._lines.get(name, (None, None))
-        if old_key == key:
-            return
-        if handle is not None:
-            handle.remove()
-        self._lines[name] = (key, add() if add is not None else None)
+        self._lines.label("target-name", name, above)

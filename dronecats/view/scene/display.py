@@ -169,7 +169,10 @@ class SceneNodes:
         return self._nodes[name]
 
     def lines(self, name: str, points: Any, color: tuple[int, int, int], width_px: float) -> None:
-        """Show line segments; see `add_lines`."""
+        """Show line segments as in `add_lines`; without segments, remove the node."""
+        if not len(points):
+            self.drop(name)
+            return
         self.put(name, lambda path: add_lines(self._server, path, points, color, width_px), points=points)
 
     def label(self, name: str, text: str, position: Vec3) -> None:
