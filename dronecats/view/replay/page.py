@@ -3,12 +3,15 @@
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from html import escape
+from typing import Any, cast
 
 from dronecats.report.kit import palette
 from dronecats.view.film.lettering import Picture
 from dronecats.view.live.panels import FlightPanels
 from dronecats.view.live.scene import COLORS, FlightScene
-from dronecats.view.replay.controls import CHOICES, Controls, bind
+from dronecats.view.replay.controls import AFTER_END_S, STEP_S, Controls
 from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, check_same_episode, following, preceding
 from dronecats.view.replay.player import PlaybackClock, Player
 from dronecats.view.replay.views import RedrawnView, ViewRenderer, ViewRequest
@@ -18,6 +21,7 @@ from foundation.run_folder.rows import drone_label
 
 RUN_COLORS = (*COLORS, palette.linear(palette.LIGHT["ink"]))  # linear RGB, one colour per overlaid flight
 TRAIL_S = 0.1  # s between two positions of a replaced trail
+CHOICES = 9  # the digits 1 to 9 can choose at most this many runs or drones
 GAP_S = 1.0  # s, longest time step that extends a trail; a longer step replaces the trail
 VIEWS: tuple[RedrawnView | None, ...] = (None, *RedrawnView)
 
@@ -64,10 +68,10 @@ class ReplayPage:
         several = len(flights) > 1
         drones = max(len(flight.drones) for flight in flights)
         colors = [(RUN_COLORS[k],) * len(f.drones) if several else COLORS for k, f in enumerate(flights)]
-        self._panels = FlightPanels(self._server, drones, on_judge=self._judged, on_follow=self._followed)
+        self._panels = FlightPanels(self._server, drones, on_judge=self.judge, on_follow=self._followed)
         self._server.gui.main_panel.dock_right()
         shades = [palette.shade(own[0]) for own in colors]
-        self._controls = Controls(self._server, self, flights, shades, clock.end_s, self._panels.pictures)
+        self._controls = Controls(self._server, self.order, flights, shades, clock.end_s, self._panels.pictures)
         self._scenes = [
             FlightScene(
                 self._server,
@@ -82,7 +86,7 @@ class ReplayPage:
         self._views = ViewRenderer([flight.recorded if flight.world else None for flight in flights], self._drawn)
         self._controls.on_view(lambda view: self._choose(lambda state: replace(state, view=view)))
         self._choices = "run" if several else "drone" if drones > 1 else ""
-        bind(self._server, self, len(flights) if several else drones if drones > 1 else 0)
+        self._bind(len(flights) if several else drones if drones > 1 else 0)
         self._player = Player(clock.scrubbed(at_s, 0.0), self._show)
 
     @property
@@ -110,17 +114,9 @@ class ReplayPage:
 
     # ---- orders of keys, buttons and lists
 
-    def toggle(self) -> None:
-        """Start or stop playback."""
-        self._player.order(PlaybackClock.toggled)
-
-    def step(self, by_s: float) -> None:
-        """Move the time by `by_s` (negative: earlier) and pause."""
-        self._player.order(lambda clock, wall_s: clock.stepped(by_s, wall_s))
-
-    def go_to(self, t_s: float) -> None:
-        """Go to a time of the episode (s) and pause."""
-        self._player.order(lambda clock, wall_s: clock.scrubbed(t_s, wall_s))
+    def order(self, method: Callable[..., PlaybackClock], *arguments: float) -> None:
+        """Change the clock; see `Player.order`."""
+        self._player.order(method, *arguments)
 
     def jump(self, kind: OccurrenceKind, ahead: bool) -> None:
         """Go to the next (`ahead`) or previous occurrence of a kind in the chosen flight, if there is one."""
@@ -131,19 +127,7 @@ class ReplayPage:
             occurrence = find(listed, clock.at(wall_s))
             return clock if occurrence is None else clock.scrubbed(occurrence.t_s, wall_s)
 
-        self._player.order(there)
-
-    def faster(self) -> None:
-        """Set the next higher speed."""
-        self._player.order(PlaybackClock.faster)
-
-    def slower(self) -> None:
-        """Set the next lower speed."""
-        self._player.order(PlaybackClock.slower)
-
-    def at_speed(self, speed: float) -> None:
-        """Set the speed of playback: s of flight per wall s."""
-        self._player.order(lambda clock, wall_s: clock.at_speed(speed, wall_s))
+        self.order(there)
 
     def choose(self, number: int) -> None:
         """Choose a run, or a drone if there is only one run; 0 is the first."""
@@ -156,9 +140,9 @@ class ReplayPage:
         """Start or stop following the chosen drone."""
         self._choose(lambda state: replace(state, along=not state.along))
 
-    def judge(self) -> None:
-        """Show or hide the judge's view."""
-        self._choose(lambda state: replace(state, judge=not state.judge))
+    def judge(self, shown: bool | None = None) -> None:
+        """Show or hide the judge's view; None: change it."""
+        self._choose(lambda state: replace(state, judge=not state.judge if shown is None else shown))
 
     def next_view(self) -> None:
         """Choose the next redrawn view; after the last view, no view."""
@@ -166,10 +150,24 @@ class ReplayPage:
 
     def help(self) -> None:
         """Show or hide the keys."""
-        self._controls.show_keys(self._choices)
+        self._controls.show_keys(keys_html(self._choices))
 
-    def _judged(self, wanted: bool) -> None:
-        self._choose(lambda state: replace(state, judge=wanted))
+    def _bind(self, choices: int) -> None:
+        """Bind every key; `choices`: number of digit keys."""
+        digits = [str(number) for number in range(1, min(choices, CHOICES) + 1)]
+        chosen = [KeyBinding(key, ((key, None),), f"choose {key}", partial(ReplayPage.choose, number=k))
+                  for k, key in enumerate(digits)]  # fmt: skip
+        for binding in (*KEYS, *chosen):
+            for key, held in binding.keys:
+                label = binding.does[0].upper() + binding.does[1:]
+                command = self._server.gui.add_command(label, hotkey=cast(Any, key), modifier=cast(Any, held))
+                command.on_trigger(self._pressed(binding))
+
+    def _pressed(self, binding: "KeyBinding") -> Callable[[Any], Any]:
+        async def pressed(_: Any) -> None:  # async: viser then calls it in the order of the events
+            binding.order(self)
+
+        return pressed
 
     def _followed(self, drone: int | None) -> None:
         self._choose(
@@ -237,3 +235,50 @@ class ReplayPage:
             drone = f"{drone_label(request.drone)} " if len(self.flights[request.flight].drones) > 1 else ""
             self._controls.show_picture(picture, f"{drone}{request.view.value} at {request.t_s:.1f} s")
             self._server.flush()
+
+
+@dataclass(frozen=True, slots=True)
+class KeyBinding:
+    """A key of the keyboard and the order that it gives."""
+
+    shown: str  # name of the key in the help
+    keys: tuple[tuple[str, str | None], ...]  # (the browser's name of the key, modifier)
+    does: str  # effect of the key, for the help
+    order: Callable[[ReplayPage], None]
+
+
+DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATION, OccurrenceKind.FAULT
+KEYS: tuple[KeyBinding, ...] = (
+    KeyBinding("Space", (("space", None),), "play or pause", lambda p: p.order(PlaybackClock.toggled)),
+    KeyBinding("→", (("arrowright", None),), "next decision", lambda p: p.jump(DECISION, True)),
+    KeyBinding("←", (("arrowleft", None),), "previous decision", lambda p: p.jump(DECISION, False)),
+    KeyBinding("Shift →", (("arrowright", "shift"),), "0.1 s later", lambda p: p.order(PlaybackClock.stepped, STEP_S)),
+    KeyBinding("Shift ←", (("arrowleft", "shift"),), "0.1 s earlier",
+               lambda p: p.order(PlaybackClock.stepped, -STEP_S)),
+    KeyBinding("Home", (("home", None),), "beginning", lambda p: p.order(PlaybackClock.scrubbed, 0.0)),
+    KeyBinding("End", (("end", None),), "end", lambda p: p.order(PlaybackClock.scrubbed, AFTER_END_S)),
+    KeyBinding("+", (("[plus]", None), ("[plus]", "shift"), ("=", None)), "faster",
+               lambda p: p.order(PlaybackClock.faster)),
+    KeyBinding("-", (("-", None),), "slower", lambda p: p.order(PlaybackClock.slower)),
+    KeyBinding("D", (("D", None),), "next declaration", lambda p: p.jump(DECLARATION, True)),
+    KeyBinding("Shift D", (("D", "shift"),), "previous declaration", lambda p: p.jump(DECLARATION, False)),
+    KeyBinding("F", (("F", None),), "next problem", lambda p: p.jump(FAULT, True)),
+    KeyBinding("Shift F", (("F", "shift"),), "previous problem", lambda p: p.jump(FAULT, False)),
+    KeyBinding("V", (("V", None),), "draw this moment: from behind, from above, through the camera, or off",
+               ReplayPage.next_view),
+    KeyBinding("G", (("G", None),), "follow the chosen drone, or stop following", ReplayPage.go_along),
+    KeyBinding("J", (("J", None),), "show or hide the judge's view", ReplayPage.judge),
+    KeyBinding("?", (("?", "shift"), ("?", None)), "these keys", ReplayPage.help),
+)  # fmt: skip
+
+
+def keys_html(choices: str) -> str:
+    """Return the list of the keys as HTML; `choices`: the items that digits choose ("run", "drone"), or ""."""
+    rows = [(binding.shown, binding.does) for binding in KEYS]
+    if choices:
+        rows.insert(-1, ("1 … 9", f"choose a {choices}"))
+    cells = "".join(
+        f'<tr><td style="padding:1px 14px 1px 0"><b>{escape(key)}</b></td><td>{escape(does)}</td></tr>'
+        for key, does in rows
+    )
+    return f'<table class="keys" style="font-size:13px;line-height:1.5">{cells}</table>'

@@ -70,9 +70,6 @@ def check_speed(speed: float) -> None:
         raise UsageError(f"--speed must be a factor from {SPEEDS[0]:g} to {SPEEDS[-1]:g}, got {speed:g}")
 
 
-ClockOrder = Callable[[PlaybackClock, float], PlaybackClock]  # (clock, wall time in s) → new clock
-
-
 class Player:
     """Calls `show` with the time of the episode and the clock, in its own thread, when the time or clock changes."""
 
@@ -95,10 +92,10 @@ class Player:
         with self._news:
             return self._clock.at(time.monotonic())
 
-    def order(self, order: ClockOrder) -> None:
-        """Apply an order to the clock, and show the clock's new time."""
+    def order(self, method: Callable[..., PlaybackClock], *arguments: float) -> None:
+        """Replace the clock by `method(clock, *arguments, wall time in s)`, and show the new clock's time."""
         with self._news:
-            self._clock, self._stale = order(self._clock, time.monotonic()), True
+            self._clock, self._stale = method(self._clock, *arguments, time.monotonic()), True
             self._news.notify_all()
 
     def again(self) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from dronecats.view.replay.moments import flight_moments
 from dronecats.view.replay.page import ReplayPage
+from dronecats.view.replay.player import PlaybackClock
 from dronecats.view.replay.views import NO_WORLD, RedrawnView
 from dronecats.view.scene import display
 from tests.support.ports import free_port
@@ -38,7 +39,7 @@ def sent(page):
 
 
 def test_a_fleet_is_shown_on_a_plain_grid_with_the_missing_files(page, sent, fleet):
-    page.go_to(4.0)
+    page.order(PlaybackClock.scrubbed, 4.0)
     assert page.idle(PATIENCE_S)
     for drone in range(3):
         place = sent.newest("SetPositionMessage", f"/world/flight/drone-{drone}")["position"]
@@ -52,7 +53,7 @@ def test_a_fleet_is_shown_on_a_plain_grid_with_the_missing_files(page, sent, fle
 def test_a_trail_is_redrawn_after_a_jump_back(page, sent):
     """A piece of a trail has 64 points, one for each 0.1 s."""
     for t_s, pieces in ((10.0, 2), (4.0, 1), (10.0, 2)):
-        page.go_to(t_s)
+        page.order(PlaybackClock.scrubbed, t_s)
         assert page.idle(PATIENCE_S)
         assert len(shown(sent, "/world/flight/trail-0/")) == pieces
 
@@ -60,7 +61,7 @@ def test_a_trail_is_redrawn_after_a_jump_back(page, sent):
 def test_after_any_jump_the_trail_leads_from_the_start_to_the_drone(page, fleet):
     """The drones fly straight ahead, so a trail that goes back or has a gap is longer or shorter than the way."""
     for t_s in (4.0, 4.5, 4.2, 10.0, 10.5, 2.0, 2.3):
-        page.go_to(t_s)
+        page.order(PlaybackClock.scrubbed, t_s)
         assert page.idle(PATIENCE_S)
         for drone in fleet.drones:
             start, end = (fleet.moment(t).drones[drone].position_ned for t in (0.0, t_s))
@@ -86,7 +87,7 @@ def test_the_view_follows_the_chosen_drone(page, sent):
     page.choose(2)
     page.go_along()
     assert page.idle(PATIENCE_S)
-    page.go_to(4.0)
+    page.order(PlaybackClock.scrubbed, 4.0)
     assert page.idle(PATIENCE_S)
     assert (page.state.drone, page.state.along) == (2, True)
     assert any((each.get("updates") or {}).get("value") == "drone 3" for each in sent.update())  # in the panel
@@ -107,7 +108,7 @@ def test_a_view_without_a_world_shows_the_reason(page, sent):
 
 
 def test_judge_data_is_sent_only_on_demand(page, sent):
-    page.go_to(1e9)
+    page.order(PlaybackClock.scrubbed, 1e9)
     assert page.idle(PATIENCE_S)
     assert "verdict:" not in sent.text()
     assert "/judge/" not in sent.text()

@@ -10,7 +10,7 @@ import pytest
 from dronecats.view.replay import player
 from dronecats.view.replay.moments import OccurrenceKind, flight_moments
 from dronecats.view.replay.page import ReplayPage
-from dronecats.view.replay.player import SPEEDS
+from dronecats.view.replay.player import SPEEDS, PlaybackClock
 from dronecats.view.replay.views import RedrawnView
 from dronecats.view.scene import display
 from foundation.run_folder import layout
@@ -166,7 +166,7 @@ def test_the_drone_is_shown_at_the_positions_of_truth_jsonl(browser, opened, fli
     page, sent = opened([flight])
     poses = rows(folder / layout.TRUTH, "pose")
     for row in poses[1:10:3]:
-        page.go_to(row["t"])
+        page.order(PlaybackClock.scrubbed, row["t"])
         shown_at(browser, page, row["t"])
         until(browser, lambda row=row: away(sent, "/world/flight/drone-0", row["position_ned"]) < 0.02)
 
@@ -182,7 +182,7 @@ def test_two_flights_are_shown_together_and_digits_choose_one(browser, opened, f
     assert re.search(r"1 paper\b.*oracle", text(browser))
     assert re.search(r"2 other\b.*oracle.*seed 3", text(browser))
     row = rows(runs / "paper" / flights[0].recorded.id / layout.TRUTH, "pose")[9]
-    page.go_to(row["t"])
+    page.order(PlaybackClock.scrubbed, row["t"])
     shown_at(browser, page, row["t"])
     until(browser, lambda: away(sent, "/world/1 paper/drone-0", row["position_ned"]) < 0.02)
     other = flights[1].pose(0, row["t"]).position_ned
@@ -224,7 +224,7 @@ def test_v_cycles_through_the_redrawn_views(browser, opened, flight):
         until(browser, lambda view=view: page.state.view is view and f"{view.value} at 3.0 s" in text(browser))
         shown.append(until(browser, lambda: picture(browser)))
     assert len(set(shown)) == 3
-    page.step(0.5)
+    page.order(PlaybackClock.stepped, 0.5)
     until(browser, lambda: f"{view.value} at 3.5 s" in text(browser) and picture(browser) not in (None, shown[-1]))
     press(browser, "v")
     until(browser, lambda: page.state.view is None and picture(browser) is None)
