@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 from dronecats.cli.options import level_list
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
     machine = f"On a machine with {cores()} cores. Other programs may have run on it too."
     written = host_load.write(findings, args.out, _command(args), machine)
     if args.json:
-        print(json.dumps({**findings.as_json(), "written": [str(path) for path in written]}))
+        print(json.dumps({**asdict(findings), "written": [str(path) for path in written]}))
     else:
         show(*host_load.tables(findings))
         print("\n" + "\n".join(str(path) for path in written))

@@ -16,7 +16,7 @@ from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
-    from dronecats.study.rate.chain import ChainSummary, ReplayedChain
+    from dronecats.study.rate.chain import ChainSummary
 
 QUESTIONS = 30  # default of --questions
 LEAST = 5  # fewer questions give no useful quantiles
@@ -75,9 +75,10 @@ def run(args: argparse.Namespace) -> int:
         instruments.close()
         times, folder = instruments.times, instruments.run
         summary = summarize(times, spec.pilot_name, camera_stamps=instruments.camera_stamps) if times else None
-        replay = write_replay(folder, times, summary.frame_delay_s) if summary and folder else None
+        if summary and folder:
+            write_replay(folder, times, summary.frame_delay_s)
         status, why = _ended(result, len(times), wanted, args.seconds)
-        _report(summary, replay, {"wanted": wanted, "status": status, "error": why}, as_json=args.json)
+        _report(summary, folder, {"wanted": wanted, "status": status, "error": why}, as_json=args.json)
     if why:
         print_note(f"dronecats study rate: {why}")
     return status
@@ -121,13 +122,11 @@ def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: 
     return 0, None
 
 
-def _report(
-    summary: "ChainSummary | None", replay: "ReplayedChain | None", ending: dict[str, Any], *, as_json: bool
-) -> None:
-    from dronecats.study.rate.chain import CHAIN, STUDY, summary_table
+def _report(summary: "ChainSummary | None", folder: Path | None, ending: dict[str, Any], *, as_json: bool) -> None:
+    from dronecats.study.rate.chain import CHAIN, STUDY, TRACE, summary_table
 
-    written = [str(replay.trace.with_name(name)) for name in (CHAIN, replay.trace.name, STUDY)] if replay else []
-    made = next_command_values(replay) if replay else {}
+    written = [str(folder / name) for name in (CHAIN, TRACE, STUDY)] if summary and folder else []
+    made = next_command_values(folder, summary.frame_delay_s) if summary and folder else {}
     if as_json:
         commands = next_commands("study rate", **made) if made else []
         print(json.dumps({**(summary.as_json() if summary else {"questions": 0}), **ending,
@@ -140,10 +139,9 @@ def _report(
             print_next("study rate", **made)
 
 
-def next_command_values(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
+def next_command_values(folder: Path, frame_delay_s: float) -> dict[str, str | Path | list[str]]:
     """Return the values of the suggested next commands: measured latency and frame delay, folder and study file."""
-    from dronecats.study.rate.chain import STUDY
+    from dronecats.study.rate.chain import STUDY, TRACE
 
-    folder = chain.trace.parent
-    delay = ["--frame-delay", f"{chain.frame_delay_s:g}"] if chain.frame_delay_s else []
-    return {"latency": [f"trace:{chain.trace}", *delay], "folder": folder, "study": folder / STUDY}
+    delay = ["--frame-delay", f"{frame_delay_s:g}"] if frame_delay_s else []
+    return {"latency": [f"trace:{folder / TRACE}", *delay], "folder": folder, "study": folder / STUDY}

@@ -11,6 +11,7 @@ from typing import Any
 
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_redacted_json
+from dronecats.report.results.identity import leaves
 from dronecats.study.factors import factor_of, level_text
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
@@ -157,24 +158,12 @@ def _point_key(run: StudyRun) -> str:
 def _flight_differences(then: dict[str, Any], now: FlightSpec, *, same_pilot: bool) -> Iterator[str]:
     """Yield a text for each field in which a recorded and a planned flight differ, with both values."""
     left = (*PER_EPISODE, *PER_RESUME, *(() if same_pilot else PILOT_FIELDS))
-    before, after = (
-        dict(_leaf_values(then, left)),
-        dict(_leaf_values(json.loads(json.dumps(as_redacted_json(now))), left)),
-    )
+    flights = then, json.loads(json.dumps(as_redacted_json(now)))
+    before, after = (dict(leaves({k: v for k, v in flight.items() if k not in left})) for flight in flights)
     for name in dict.fromkeys((*before, *after)):
         if before.get(name) != after.get(name) and (same_pilot or name != RENDERED):
             in_folder, in_command = _short_json(before.get(name)), _short_json(after.get(name))
             yield f"{name}, {in_folder} in the folder and {in_command} in this command"
-
-
-def _leaf_values(value: dict[str, Any], left: tuple[str, ...] = (), path: str = "") -> Iterator[tuple[str, Any]]:
-    for name, inner in value.items():
-        if name in left and not path:
-            continue
-        if isinstance(inner, dict) and inner:
-            yield from _leaf_values(inner, (), f"{path}{name}.")
-        else:
-            yield f"{path}{name}", inner
 
 
 def _short_json(value: Any) -> str:

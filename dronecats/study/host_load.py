@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.bench.campaign import Batch, fly_run
@@ -182,32 +182,17 @@ class Marking:
     moved: int
     marked: int  # flights that `bench` marks as delayed by the host
     both: int  # flights that are marked and moved
-
-    @property
-    def precision(self) -> tuple[float, float, float] | None:
-        """The share of the marked flights that moved, with Wilson's interval; None without marked flights."""
-        return _share(self.both, self.marked)
-
-    @property
-    def recall(self) -> tuple[float, float, float] | None:
-        """The share of the moved flights that are marked, with Wilson's interval; None without moved flights."""
-        return _share(self.both, self.moved)
+    precision: tuple[float, float, float] | None  # share of the marked that moved, and Wilson's interval; None: no such
+    recall: tuple[float, float, float] | None  # share of the moved that are marked, and its interval; None: no such
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadFindings:
     rows: Sequence[LevelRow]
-    of_verdicts: Marking  # a flight moved if only one of flight and reference succeeded
-    of_errors: Marking  # without the first level; a flight moved if its NE differs from the reference by > idle_error_m
+    marking_of_verdicts: Marking  # a flight moved if only one of flight and reference succeeded
+    # without the first level; a flight moved if its NE differs from the reference by more than idle_error_m
+    marking_of_errors: Marking
     idle_error_m: float | None  # m, largest NE difference from the reference among real-time flights at the first level
-
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "rows": [asdict(row) for row in self.rows],
-            "marking_of_verdicts": _marking_json(self.of_verdicts),
-            "marking_of_errors": _marking_json(self.of_errors),
-            "idle_error_m": self.idle_error_m,
-        }
 
 
 def compare(flights: Sequence[LoadedFlight]) -> LoadFindings:
@@ -225,8 +210,8 @@ def compare(flights: Sequence[LoadedFlight]) -> LoadFindings:
     strayed = [f for f in real if farthest is not None and (errors_m[id(f)] or 0.0) > farthest]
     return LoadFindings(
         rows=rows,
-        of_verdicts=_marking(real, [f for f in real if f.success != reference[f.episode, f.flight].success]),
-        of_errors=_marking([f for f in real if f.busy != first], strayed),
+        marking_of_verdicts=_marking(real, [f for f in real if f.success != reference[f.episode, f.flight].success]),
+        marking_of_errors=_marking([f for f in real if f.busy != first], strayed),
         idle_error_m=farthest,
     )
 
@@ -258,17 +243,14 @@ def _level_row(
 
 
 def _marking(flights: Sequence[LoadedFlight], moved: Sequence[LoadedFlight]) -> Marking:
+    marked, both = sum(flight.marked for flight in flights), sum(flight.marked for flight in moved)
     return Marking(
-        moved=len(moved), marked=sum(flight.marked for flight in flights), both=sum(flight.marked for flight in moved)
+        moved=len(moved), marked=marked, both=both, precision=_share(both, marked), recall=_share(both, len(moved))
     )
 
 
 def _share(part: int, total: int) -> tuple[float, float, float] | None:
     return (part / total, *wilson(part, total)) if total else None
-
-
-def _marking_json(marking: Marking) -> dict[str, Any]:
-    return {**asdict(marking), "precision": marking.precision, "recall": marking.recall}
 
 
 NAME = "host-load"
@@ -301,13 +283,13 @@ def tables(findings: LoadFindings) -> list[ReportTable]:
         words("definition of changed (real time only)"),
         *map(numbers, ("changed", "marked", "both", "precision", "recall")),
     ]
-    lines = [_mark_cells("other verdict", findings.of_verdicts)]
+    lines = [_mark_cells("other verdict", findings.marking_of_verdicts)]
     if findings.idle_error_m is not None:
         case = (
             f"NE differs from the reference by more than {findings.idle_error_m:.2f} m. This threshold is the largest"
             f" difference with {findings.rows[0].busy} busy processes"
         )
-        lines.append(_mark_cells(case, findings.of_errors))
+        lines.append(_mark_cells(case, findings.marking_of_errors))
     return [table_of(levels, rows), table_of(marks, lines)]
 
 
@@ -326,5 +308,5 @@ def write(findings: LoadFindings, out: Path, command: str, machine: str) -> Sequ
         made = "\n".join(map(as_markdown, tables(findings)))
         head = f"# A busy host\n\n{as_shell([command])}\n{TEXT}\n\n"
         page.write_text(f"{head}{made}\n{machine}\n", encoding="utf-8")
-        data.write_text(json.dumps({"command": command, **findings.as_json()}, indent=1) + "\n", encoding="utf-8")
+        data.write_text(json.dumps({"command": command, **asdict(findings)}, indent=1) + "\n", encoding="utf-8")
     return page, data

@@ -54,23 +54,25 @@ def test_each_flight_is_compared_with_its_lockstep_flight_on_the_idle_host():
 
 def test_precision_and_recall_of_the_stall_mark_equal_counts_by_hand():
     comparison = compare(FLIGHTS)
-    verdicts = comparison.of_verdicts
+    verdicts = comparison.marking_of_verdicts
     assert (verdicts.moved, verdicts.marked, verdicts.both) == (2, 2, 1)
     assert verdicts.precision is not None
     assert verdicts.recall is not None
     assert verdicts.precision[0] == verdicts.recall[0] == 0.5
     assert comparison.idle_error_m == pytest.approx(0.2)  # of 0.2 and 0.1 m
-    errors = comparison.of_errors  # busy host only: one flight is 6 m off and marked, one is 0.1 m off and unmarked
+    errors = (
+        comparison.marking_of_errors
+    )  # busy host only: one flight is 6 m off and marked, one is 0.1 m off and unmarked
     assert (errors.moved, errors.marked, errors.both) == (1, 1, 1)
 
 
 def test_precision_and_recall_are_undefined_without_moved_or_marked_flights():
     comparison = compare([flight(), real(ne_m=None)])
-    assert comparison.of_verdicts.precision is None
-    assert comparison.of_verdicts.recall is None
+    assert comparison.marking_of_verdicts.precision is None
+    assert comparison.marking_of_verdicts.recall is None
     assert comparison.idle_error_m is None
     assert "| – | – |" in as_markdown(tables(comparison)[1])
-    json.dumps(comparison.as_json(), allow_nan=False)
+    json.dumps(dataclasses.asdict(comparison), allow_nan=False)
 
 
 def test_busy_processes_use_the_cpu_and_end_with_the_block():

@@ -1,7 +1,7 @@
 """Reads the results of a study from a folder, and checks that the runs differ only in the levels of its factors."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dronecats.agent.latency import LatencyPolicy, trace_name
@@ -41,19 +41,20 @@ def load_results(folder: Path, exclusions: Sequence[Exclusion] = ()) -> StudyRes
         raise UsageError(f"{folder} has no run of its study. Fly it with the command that made it")
     names = [factor.name for factor in study.factors if factor.name not in ENTRANT_FACTORS]
     _check_levels(study, runs, study_runs)
-    labels, identities = _entrants(runs, study, study_runs)
-    _check_identities(runs, labels, identities)
-    _check_seeds(runs, labels, study_runs)
-    _check_duplicates(runs, labels, study_runs)
+    loaded = _with_entrants(runs, study, study_runs)
+    _check_identities(loaded)
+    _check_seeds(loaded)
+    _check_duplicates(loaded)
+    by_folder = {one.run.folder: one for one in loaded}
     flights = tuple(
         StudiedFlight(
-            entrant=labels[scored.run.folder],
-            levels=tuple(_as_level(study_runs[scored.run.folder.name].levels[name]) for name in names),
-            number=study_runs[scored.run.folder.name].flight_number,
+            entrant=one.label,
+            levels=tuple(_as_level(one.planned.levels[name]) for name in names),
+            number=one.planned.flight_number,
             scored=scored,
         )
         for scored in collection.episodes
-        if scored.run.folder in labels
+        if (one := by_folder.get(scored.run.folder))
     )
     cells = {flight.scored.cell for flight in flights}
     factors = tuple(_factor(study, name) for name in names)
@@ -61,13 +62,13 @@ def load_results(folder: Path, exclusions: Sequence[Exclusion] = ()) -> StudyRes
         name=study.name,
         design=study.design,
         factors=factors,
-        entrants=tuple(dict.fromkeys(labels.values())),
+        entrants=tuple(dict.fromkeys(one.label for one in loaded)),
         cells=tuple(cell for cell in (*CELLS, "") if cell in cells),
         flights=flights,
         planned=len(study.runs) * len(study.episodes),
         notes=(
             *_agent_notes(study),
-            *_notes(runs, labels, identities),
+            *_notes(loaded),
             *_exclusion_notes(flights, factors, exclusions),
             *(() if any(flight.scored.scored for flight in flights) else [NONE_COUNTS]),
         ),
@@ -130,26 +131,35 @@ def _with_levels(
     return at_levels(traced, levels)
 
 
-def _entrants(
-    runs: Sequence[RecordedRun], study: Study, study_runs: Mapping[str, StudyRun]
-) -> tuple[dict[Path, str], dict[Path, Identity]]:
-    """Return, by run folder, the label of the run's entrant, and the identity (settings) of the run.
+@dataclass(frozen=True, slots=True)
+class _LoadedRun:
+    run: RecordedRun
+    planned: StudyRun  # its entry in study.json
+    label: str  # of its entrant
+    identity: Identity  # its settings
+
+
+def _with_entrants(runs: Sequence[RecordedRun], study: Study, study_runs: Mapping[str, StudyRun]) -> list[_LoadedRun]:
+    """Return the runs with the labels of their entrants and their identities.
 
     The factors must not affect the identity, so every identity is computed with the levels of the first run.
     """
     first = study_runs[runs[0].folder.name].levels
     same_levels = {factor.name: first[factor.name] for factor in study.factors if factor.name not in ENTRANT_FACTORS}
     traces = _traces(runs)
-    settings: dict[Path, Setting] = {}
-    identities: dict[Path, Identity] = {}
+    settings: list[Setting] = []
+    identities: list[Identity] = []
     for run in runs:
         flight = from_json(run.flight, str(run.folder / layout.RUN))
         levelled = as_redacted_json(_with_levels(flight, {**study.held, **same_levels}, traces))
         levelled_run = replace(run, configuration={**run.configuration, "flight": levelled})
-        settings[run.folder] = replace(setting(levelled_run), latency="", agent=flight.agent)
-        identities[run.folder] = identity(levelled_run)
-    all_settings = list(dict.fromkeys(settings.values()))
-    return {folder: _label(own, all_settings) for folder, own in settings.items()}, identities
+        settings.append(replace(setting(levelled_run), latency="", agent=flight.agent))
+        identities.append(identity(levelled_run))
+    all_settings = list(dict.fromkeys(settings))
+    return [
+        _LoadedRun(run, study_runs[run.folder.name], _label(own, all_settings), of_run)
+        for run, own, of_run in zip(runs, settings, identities, strict=True)
+    ]
 
 
 def _label(own: Setting, all_settings: Sequence[Setting]) -> str:
@@ -169,71 +179,59 @@ def _label(own: Setting, all_settings: Sequence[Setting]) -> str:
     return " · ".join([name, *filter(None, details)])
 
 
-def _check_identities(
-    runs: Sequence[RecordedRun], labels: Mapping[Path, str], identities: Mapping[Path, Identity]
-) -> None:
-    first: dict[str, RecordedRun] = {}
-    for run in runs:
-        codes = sorted(identities[run.folder]["the code"])
+def _check_identities(loaded: Sequence[_LoadedRun]) -> None:
+    first: dict[str, _LoadedRun] = {}
+    for one in loaded:
+        codes = sorted(one.identity["the code"])
         if len(codes) > 1:
-            raise UsageError(f"the episodes of {run.folder} were flown by different code")
-        before = first.setdefault(labels[run.folder], run)
-        differing = differences(identities[before.folder], identities[run.folder])
+            raise UsageError(f"the episodes of {one.run.folder} were flown by different code")
+        before = first.setdefault(one.label, one)
+        differing = differences(before.identity, one.identity)
         if differing:
             text = ", ".join(str(difference) for difference in differing[:4]) + (
                 " and more" if len(differing) > 4 else ""
             )
             raise UsageError(
-                f"{before.folder.name} and {run.folder.name} differ in more than the study's factors: in {text}."
+                f"{before.planned.name} and {one.planned.name} differ in more than the study's factors: in {text}."
                 " The effect of the factors cannot be separated from these differences"
             )
 
 
-def _check_seeds(runs: Sequence[RecordedRun], labels: Mapping[Path, str], study_runs: Mapping[str, StudyRun]) -> None:
-    seeds: dict[tuple[str, int], RecordedRun] = {}
-    for run in runs:
-        before = seeds.setdefault((labels[run.folder], study_runs[run.folder.name].flight_number), run)
-        if before.seed != run.seed:
+def _check_seeds(loaded: Sequence[_LoadedRun]) -> None:
+    first: dict[tuple[str, int], _LoadedRun] = {}
+    for one in loaded:
+        before = first.setdefault((one.label, one.planned.flight_number), one)
+        if before.run.seed != one.run.seed:
             raise UsageError(
-                f"{before.folder.name} and {run.folder.name} are paired in {layout.STUDY}, but have the seeds"
-                f" {before.seed} and {run.seed}"
+                f"{before.planned.name} and {one.planned.name} are paired in {layout.STUDY}, but have the seeds"
+                f" {before.run.seed} and {one.run.seed}"
             )
 
 
-def _check_duplicates(
-    runs: Sequence[RecordedRun], labels: Mapping[Path, str], study_runs: Mapping[str, StudyRun]
-) -> None:
+def _check_duplicates(loaded: Sequence[_LoadedRun]) -> None:
     """Raise UsageError if one flight was flown under two names: it would count twice."""
-    seen: dict[tuple[str, frozenset[tuple[str, Level]], int], str] = {}
-    for run in runs:
-        name = run.folder.name
-        before = seen.setdefault(
-            (labels[run.folder], frozenset(study_runs[name].levels.items()), study_runs[name].flight_number), name
-        )
-        if before != name:
+    first: dict[object, _LoadedRun] = {}
+    for one in loaded:
+        key = one.label, frozenset(one.planned.levels.items()), one.planned.flight_number
+        before = first.setdefault(key, one)
+        if before is not one:
             raise UsageError(
-                f"{before} and {name} are the same flight by {labels[run.folder]} under two names. Remove one of them"
-                f" from {layout.STUDY}"
+                f"{before.planned.name} and {one.planned.name} are the same flight by {one.label} under two names."
+                f" Remove one of them from {layout.STUDY}"
             )
 
 
-def _notes(
-    runs: Sequence[RecordedRun], labels: Mapping[Path, str], identities: Mapping[Path, Identity]
-) -> Iterator[str]:
+def _notes(loaded: Sequence[_LoadedRun]) -> Iterator[str]:
     """Yield sentences on entrants that differ in settings that all should share (`is_common`), or in their seeds."""
-    first: dict[str, RecordedRun] = {}
-    for run in runs:
-        first.setdefault(labels[run.folder], run)
     common = {
-        label: {name: value for name, value in identities[run.folder].items() if is_common(name)}
-        for label, run in first.items()
+        one.label: {name: value for name, value in one.identity.items() if is_common(name)} for one in reversed(loaded)
     }
-    (label, kind), *rest = common.items()
-    for other_label, another in rest:
-        if differing := differences(kind, another):
+    labels = dict.fromkeys(one.label for one in loaded)
+    label, *rest = labels
+    for other_label in rest:
+        if differing := differences(common[label], common[other_label]):
             yield f"{label} and {other_label} have different settings: {', '.join(map(str, differing))}."
-    seeds = {label: min(run.seed for run in runs if labels[run.folder] == label) for label in first}
-    if len(set(seeds.values())) > 1:
+    if len({min(one.run.seed for one in loaded if one.label == label) for label in labels}) > 1:
         yield "The entrants' seeds begin at different numbers, so their pairs share only the episode."
 
 

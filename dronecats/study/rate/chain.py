@@ -3,6 +3,7 @@
 import csv
 import json
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from dronecats.agent.models.model import Reply
 from dronecats.flight.spec.flight_spec import COLUMN
 from dronecats.report.table import ReportTable, numbers, table_of, words
 from foundation.errors import InfrastructureError, UsageError
+from foundation.files import file_errors_as
 from foundation.run_folder.rows import Decision
 
 DIGITS = 6  # decimal places of seconds, so that the resolution is 1 µs
@@ -228,32 +230,20 @@ CHAIN, TRACE, STUDY = "chain.csv", "trace.csv", "study.toml"
 COLUMNS = tuple(field.name for field in fields(QuestionTimes))
 
 
-@dataclass(frozen=True, slots=True)
-class ReplayedChain:
-    """A measured chain as input of a simulation."""
-
-    trace: Path
-    frame_delay_s: float  # s, delay of simulated pictures; 0: no delay
-
-
 class ChainLog:
     """Writes chain.csv: a header and a line per question. Each line is flushed at once."""
 
     def __init__(self, folder: Path) -> None:
         """Create the file. Raises InfrastructureError."""
-        try:
+        with _write_errors(folder / CHAIN):
             self._file = (folder / CHAIN).open("w", encoding="utf-8", newline="")
             self._rows = csv.writer(self._file)
             self._put(COLUMNS)
-        except OSError as error:
-            raise _write_error(folder / CHAIN, error) from None
 
     def write(self, times: QuestionTimes) -> None:
         """Append a question. Raises InfrastructureError."""
-        try:
+        with _write_errors(Path(self._file.name)):
             self._put(["" if value is None else value for value in astuple(times)])
-        except OSError as error:
-            raise _write_error(Path(self._file.name), error) from None
 
     def close(self) -> None:
         self._file.close()
@@ -269,36 +259,29 @@ def check_fresh(folder: Path) -> None:
         raise UsageError(f"{folder} already has a measurement. Choose another --out")
 
 
-def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: float) -> ReplayedChain:
-    """Write trace.csv for `--latency trace:FILE`, and study.toml, which uses it. Raises InfrastructureError."""
-    replayed = ReplayedChain(folder / TRACE, frame_delay_s)
+def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: float) -> None:
+    """Write trace.csv for `--latency trace:FILE`, and study.toml, which uses it. Raises InfrastructureError.
+
+    `frame_delay_s`: s, delay of simulated pictures; 0: no delay.
+    """
     lines = [COLUMN, *(f"{min(question.latency_s, LONGEST_S):.{DIGITS}f}" for question in times)]
-    for path, text in ((replayed.trace, "\n".join(lines) + "\n"), (folder / STUDY, study_file(replayed))):
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise _write_error(path, error) from None
-    return replayed
+    delay = f"frame_delay = {json.dumps([0, frame_delay_s])}\n" if frame_delay_s else ""
+    for name, text in ((TRACE, "\n".join(lines) + "\n"), (STUDY, STUDY_FILE + delay)):
+        with _write_errors(folder / name):
+            (folder / name).write_text(text, encoding="utf-8")
 
 
-def study_file(chain: ReplayedChain) -> str:
-    """Return the text of study.toml: a study that compares the measured chain with a chain without latency."""
-    delays = [0, chain.frame_delay_s] if chain.frame_delay_s else []
-    return "\n".join(
-        [
-            "# The cost of a measured chain: its replies and the age of its pictures. See docs/rate.md",
-            'name = "measured-chain"',
-            'pilot = ["noisy"]',
-            'cells = ["tracking", "approaching"]',
-            'suite = "one-drone"',
-            "",
-            "[factors]",
-            f"latency_policy = {json.dumps(['fixed:0', f'trace:{chain.trace.name}'], ensure_ascii=False)}",
-            *([f"frame_delay = {json.dumps(delays)}"] if delays else []),
-            "",
-        ]
-    )
+# a study that compares the measured chain with a chain without latency
+STUDY_FILE = f"""# The cost of a measured chain: its replies and the age of its pictures. See docs/rate.md
+name = "measured-chain"
+pilot = ["noisy"]
+cells = ["tracking", "approaching"]
+suite = "one-drone"
+
+[factors]
+latency_policy = ["fixed:0", "trace:{TRACE}"]
+"""
 
 
-def _write_error(path: Path, error: OSError) -> InfrastructureError:
-    return InfrastructureError(f"{path} cannot be written: {error.strerror}, so later measurements are lost")
+def _write_errors(path: Path) -> AbstractContextManager[None]:
+    return file_errors_as(InfrastructureError, f"{path} cannot be written", ", so later measurements are lost")

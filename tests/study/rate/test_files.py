@@ -15,7 +15,7 @@ from dronecats.cli.next_commands import next_commands
 from dronecats.cli.study_rate import next_command_values
 from dronecats.flight.spec.flight_spec import read_trace
 from dronecats.report.writers import as_terminal
-from dronecats.study.rate.chain import COLUMNS, ChainLog, QuestionTimes, summarize, summary_table, write_replay
+from dronecats.study.rate.chain import COLUMNS, TRACE, ChainLog, QuestionTimes, summarize, summary_table, write_replay
 from foundation.errors import InfrastructureError
 from tests.docs.pages import ROOT
 
@@ -42,21 +42,23 @@ def rig(tmp_path):
 
 def test_the_written_trace_contains_the_measured_latencies(rig):
     times = measured(30)
-    replayed = write_replay(rig, times, 0.21)
-    assert read_trace(replayed.trace) == tuple(question.latency_s for question in times)
+    write_replay(rig, times, 0.21)
+    assert read_trace(rig / TRACE) == tuple(question.latency_s for question in times)
 
 
 def test_a_latency_above_the_maximum_is_written_as_the_maximum(rig):
     (times,) = measured(1)
     slow = QuestionTimes(**{**{name: getattr(times, name) for name in COLUMNS}, "latency_s": 400.0})
-    assert read_trace(write_replay(rig, [slow], 0.0).trace) == (300.0,)
+    write_replay(rig, [slow], 0.0)
+    assert read_trace(rig / TRACE) == (300.0,)
 
 
 @pytest.mark.parametrize("delay_s", [0.21, 0.0])
 def test_every_suggested_command_uses_the_trace_and_the_delay(rig, delay_s):
     times = measured(12)
     charged = tuple(question.latency_s for question in times)
-    commands = next_commands("study rate", **next_command_values(write_replay(rig, times, delay_s)))
+    write_replay(rig, times, delay_s)
+    commands = next_commands("study rate", **next_command_values(rig, delay_s))
     fly, bench, study = (parse(shlex.split(line)[1:]) for line in commands)
     flight = spec_of(fly)
     assert (flight.latency.trace, flight.disturbances.frame.delay_s) == (charged, delay_s)
