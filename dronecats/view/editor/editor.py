@@ -17,7 +17,7 @@ from episodes.authoring.check.finding import RuleFinding
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, parse
 from foundation.errors import UsageError
-from foundation.files import write_text
+from foundation.files import file_errors_as, write_text
 from foundation.threads import NewestItemWorker
 from foundation.wording import did_you_mean, nearest
 
@@ -102,11 +102,9 @@ class Session:
             raise UsageError(f"'{record.id}' is the id of a shipped episode. Choose another id.")
         if path.exists() and not replace:
             raise UsageError(f"'{path}' exists already. Give the episode another id, or replace the file.")
-        try:
+        with file_errors_as(UsageError, f"'{path}' cannot be written", "."):
             self.folder.mkdir(parents=True, exist_ok=True)
             write_text(path, text)
-        except OSError as error:
-            raise UsageError(f"'{path}' cannot be written: {error.strerror}.") from None
         return path
 
 

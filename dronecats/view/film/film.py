@@ -27,7 +27,7 @@ from dronecats.view.film.plan import FilmPlan, filmable
 from episodes.authoring.processes import process_map
 from foundation.errors import InfrastructureError, UsageError
 from foundation.extras import not_installed
-from foundation.files import write_json
+from foundation.files import file_errors_as, write_json
 from foundation.run_folder.reading import json_object
 from foundation.threads import once
 
@@ -78,7 +78,7 @@ def make(
         missing = parts_folder.missing
         done = plan.pictures - sum(len(plan.part_ranges[number]) for number in missing)
         report = progress(done) if progress else None
-        try:
+        with file_errors_as(UsageError, f"{out} cannot be written", ". The same command resumes"):
             for number in process_map(partial(draw_part, parts_folder), missing, jobs):
                 if report is not None:
                     report(len(plan.part_ranges[number]))
@@ -86,8 +86,6 @@ def make(
             join([parts_folder.path(number) for number in range(len(plan.part_ranges))], film, plan, codec)
             film.replace(out)
             shutil.rmtree(parts_folder.folder)
-        except OSError as error:
-            raise UsageError(f"{out} cannot be written: {error.strerror}. The same command resumes") from None
     return codec
 
 
@@ -125,26 +123,22 @@ def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]
     """
     if out.is_dir():
         raise UsageError(f"--out {out} is a folder. Name a file in it")
-    folder = folder_beside(out)
-    try:
+    folder, failure = folder_beside(out), f"--out {out} cannot be written"
+    with file_errors_as(UsageError, failure):
         folder.mkdir(parents=True, exist_ok=True)
         lock: IO[str] = (folder / LOCK).open("w")
-    except OSError as error:
-        raise UsageError(f"--out {out} cannot be written: {error.strerror}") from None
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise UsageError(f"another process is making {out}. Wait for it, or choose another --out") from None
-        try:
+        with file_errors_as(UsageError, failure):
             manifest = {"film": plan.digest(codec), "codec": codec, "pictures": plan.pictures}
             before = json_object(folder / MANIFEST)
             for path in folder.iterdir():
                 if path.name not in (LOCK, MANIFEST) and (before != manifest or MAKING in path.name):
                     path.unlink()
             write_json(folder / MANIFEST, manifest)
-        except OSError as error:
-            raise UsageError(f"--out {out} cannot be written: {error.strerror}") from None
         yield PartsFolder(folder, plan, codec)
 
 

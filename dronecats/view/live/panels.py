@@ -13,6 +13,7 @@ from msgspec import UNSET
 from dronecats.report.kit.palette import DARK, LIGHT, MARKS
 from dronecats.report.kit.shell import action_or_reason
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go
+from dronecats.view.scene.page import by_user
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Decision, drone_label
 
@@ -53,8 +54,8 @@ class FlightPanels:
             self._numbers = gui.add_html("")
             self._messages = gui.add_html("")
         if on_follow is not None:
-            self._follow.on_update(_by_hand(lambda: on_follow(self._wanted())))
-        self._judge.on_update(_by_hand(lambda: self._show_judge(bool(self._judge.value))))
+            self._follow.on_update(by_user(lambda: on_follow(self._wanted())))
+        self._judge.on_update(by_user(lambda: self._show_judge(bool(self._judge.value))))
 
     def _add_frames(self, panel: Any) -> Any:
         """Add an HTML element for the pictures to a panel, and return the element."""
@@ -100,16 +101,6 @@ class FlightPanels:
         self.judge_shown = wanted
         if self._on_judge is not None:
             self._on_judge(wanted)
-
-
-def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
-    """Return a callback that calls `act` for events from browsers and ignores updates by the program."""
-
-    def changed(event: Any) -> None:
-        if event.client is not None:
-            act()
-
-    return changed
 
 
 YELLOW, ACCENT, JUDGE = MARKS["chosen"], LIGHT["accent"], LIGHT["judge-line"]

@@ -12,6 +12,7 @@ from dronecats.view.film.lettering import Picture
 from dronecats.view.replay.moments import FlightMoments, Occurrence, OccurrenceKind
 from dronecats.view.replay.player import SPEEDS, PlaybackClock
 from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, RedrawnView
+from dronecats.view.scene.page import by_user
 from foundation.run_folder.rows import drone_label
 
 STEP_S = 0.1  # s of the episode, length of a step
@@ -66,16 +67,16 @@ class Controls:
             blank = np.full((HEIGHT_PX, WIDTH_PX, 3), 40, np.uint8)
             self._picture: Any = gui.add_image(blank, format="jpeg", jpeg_quality=85, visible=False)
             self._caption = gui.add_html("")
-        self._time.on_update(self._by_hand(lambda: order(PlaybackClock.scrubbed, float(self._time.value))))
+        self._time.on_update(by_user(lambda: order(PlaybackClock.scrubbed, float(self._time.value))))
         times.on_click(lambda event: order(*TIMES[event.target.value]))
-        self._speed.on_update(self._by_hand(lambda: order(PlaybackClock.at_speed, float(self._speed.value[:-1]))))
+        self._speed.on_update(by_user(lambda: order(PlaybackClock.at_speed, float(self._speed.value[:-1]))))
         for kind, handle in self._lists.items():
-            handle.on_update(self._by_hand(partial(self._jump, kind)))
+            handle.on_update(by_user(partial(self._jump, kind)))
 
     def on_view(self, chosen: Callable[[RedrawnView | None], None]) -> None:
         """Set the callback for a user's choice of a view."""
         views = {view.value: view for view in RedrawnView}
-        self._view.on_update(self._by_hand(lambda: chosen(views.get(self._view.value))))
+        self._view.on_update(by_user(lambda: chosen(views.get(self._view.value))))
 
     def show(self, t_s: float, clock: PlaybackClock) -> None:
         """Show a time of the episode (s) and the state of the clock."""
@@ -133,16 +134,6 @@ class Controls:
         if number.isdigit() and int(number) <= len(listed):
             self._order(PlaybackClock.scrubbed, listed[int(number) - 1].t_s)
         handle.value = handle.options[0]  # so that the same entry can be chosen again
-
-    @staticmethod
-    def _by_hand(act: Callable[[], None]) -> Callable[[Any], Any]:
-        """Return a callback that calls `act` for events from browsers and ignores updates by the program."""
-
-        async def changed(event: Any) -> None:  # async: viser then calls it in the order of the events
-            if event.client is not None:
-                act()
-
-        return changed
 
 
 def _runs_html(flights: Sequence[FlightMoments], shades: Sequence[tuple[int, int, int]], chosen: int) -> str:

@@ -15,7 +15,7 @@ from dronecats.view.replay.controls import AFTER_END_S, STEP_S, Controls
 from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, check_same_episode, following, preceding
 from dronecats.view.replay.player import PlaybackClock, Player
 from dronecats.view.replay.views import RedrawnView, ViewRenderer, ViewRequest
-from dronecats.view.scene.page import LoopbackServer
+from dronecats.view.scene.page import LoopbackServer, by_user
 from foundation.errors import UsageError
 from foundation.run_folder.rows import drone_label
 
@@ -161,13 +161,7 @@ class ReplayPage:
             for key, held in binding.keys:
                 label = binding.does[0].upper() + binding.does[1:]
                 command = self._server.gui.add_command(label, hotkey=cast(Any, key), modifier=cast(Any, held))
-                command.on_trigger(self._pressed(binding))
-
-    def _pressed(self, binding: "KeyBinding") -> Callable[[Any], Any]:
-        async def pressed(_: Any) -> None:  # async: viser then calls it in the order of the events
-            binding.order(self)
-
-        return pressed
+                command.on_trigger(by_user(partial(binding.order, self)))
 
     def _followed(self, drone: int | None) -> None:
         self._choose(

@@ -8,6 +8,7 @@ import logging
 import secrets
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import rich
@@ -121,6 +122,16 @@ class LoopbackServer(viser.ViserServer):
 
     def request_share_url(self, verbose: bool = True) -> None:
         """Do nothing, since a page has no public address."""
+
+
+def by_user(act: Callable[[], object]) -> Callable[[Any], Any]:
+    """Return a callback that calls `act` for events from browsers and ignores updates by the program."""
+
+    async def changed(event: Any) -> None:  # async: viser then calls it in the order of the events
+        if event.client is not None:
+            act()
+
+    return changed
 
 
 @contextlib.contextmanager
