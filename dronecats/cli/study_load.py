@@ -46,8 +46,10 @@ def add_load_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fly and compare the flights. Return 1 if the load changed a verdict in lockstep, else 0."""
+    from dronecats.agent.latency import LatencyPolicy
     from dronecats.cli.exit_status import interrupt_on_signals
     from dronecats.cli.study_spec import suite_of_options
+    from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
     from dronecats.pilots import roster
     from dronecats.study import host_load
 
@@ -57,18 +59,18 @@ def run(args: argparse.Namespace) -> int:
     check_folder(args.out)
     args.suite = args.suite or ([] if args.episodes else ["quick"])
     chosen = suite_of_options(args)
-    plan = host_load.LoadPlan(
+    rendered = args.rendered or roster.needs_pictures(args.pilot)
+    flight = FlightSpec(
         pilot=args.pilot,
-        episodes=tuple(chosen.records),
-        levels=_levels(args.busy),
-        flights=args.flights,
+        simulated=Simulated(speed=args.speed, rendered=rendered),
+        latency=LatencyPolicy.parse(args.latency),
         seconds=args.seconds,
-        latency=args.latency,
-        jobs=args.jobs,
-        speed=args.speed,
-        rendered=args.rendered or roster.needs_pictures(args.pilot),
+        full=True,
     )
-    flights = host_load.fly(plan, args.out, print_note)
+    flights = host_load.fly(
+        flight, tuple(chosen.records), _levels(args.busy),
+        flights=args.flights, jobs=args.jobs, out=args.out, progress=print_note,
+    )  # fmt: skip
     findings = host_load.compare(flights)
     machine = f"On a machine with {cores()} cores. Other programs may have run on it too."
     written = host_load.write(findings, args.out, _command(args), machine)

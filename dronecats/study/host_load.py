@@ -8,15 +8,14 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from dronecats.agent.latency import LatencyPolicy
 from dronecats.bench.campaign import Batch, fly_run
 from dronecats.flight.run.fly import settings
 from dronecats.flight.spec.flight import look_up
-from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.statistics.shares import wilson
 from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
 from dronecats.report.writers import as_markdown, as_shell
@@ -79,44 +78,53 @@ class LoadedFlight:
         return self.stalled_steps > 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoadPlan:
-    pilot: str
-    episodes: Sequence[str]
-    levels: Sequence[int]  # numbers of processes that load the CPU; the first level is the reference
-    flights: int = 1  # flights of each episode with each clock at each level
-    seconds: float = 60.0  # s of vehicle time, length of a flight
-    latency: str = "fixed:0.1"
-    jobs: int = 1  # flights at the same time
-    speed: float = 1.0  # × real time; only flights in real time use it
-    rendered: bool = False
-
-
-def fly(plan: LoadPlan, out: Path, progress: Callable[[str], None]) -> list[LoadedFlight]:
+def fly(
+    flight: FlightSpec,
+    episodes: Sequence[str],
+    levels: Sequence[int],
+    *,
+    flights: int,
+    jobs: int,
+    out: Path,
+    progress: Callable[[str], None],
+) -> list[LoadedFlight]:
     """Fly the missing flights into a folder, level by level, and return all flights. Raises DronecatsError.
 
-    The flights of both clocks are validated before the first one starts.
+    `flight`: a flight in real time without an episode. `levels`: numbers of processes that load the CPU; the first
+    level is the reference. `flights`: flights of each episode with each clock at each level. `jobs`: flights at the
+    same time. The flights of both clocks are validated before the first one starts.
     """
     for clock in CLOCKS:
-        look_up(flight_spec(plan, clock, 1))
-    flights: list[LoadedFlight] = []
-    for level in plan.levels:
+        look_up(_with_clock(flight, clock, 1))
+    flown: list[LoadedFlight] = []
+    for level in levels:
         for clock in CLOCKS:
             progress(f"{clock}, with {level} busy processes …")
-            for number in range(1, plan.flights + 1):
-                flights += _fly_level(plan, out, clock, level, number)
-    return flights
+            for number in range(1, flights + 1):
+                flown += _fly_level(_with_clock(flight, clock, number), episodes, jobs, out, (clock, level, number))
+    return flown
 
 
-def _fly_level(plan: LoadPlan, out: Path, clock: Clock, level: int, number: int) -> Iterator[LoadedFlight]:
-    flight = flight_spec(plan, clock, number)
+def _with_clock(flight: FlightSpec, clock: Clock, number: int) -> FlightSpec:
+    """Return the specification of the flights with a number, from 1, in lockstep or in real time."""
+    simulated = flight.simulated
+    assert simulated is not None
+    simulated = replace(simulated, speed=None) if clock == "lockstep" else simulated
+    return replace(flight, simulated=simulated, seed=number - 1)
+
+
+def _fly_level(
+    flight: FlightSpec, episodes: Sequence[str], jobs: int, out: Path, place: tuple[Clock, int, int]
+) -> Iterator[LoadedFlight]:
+    """Fly the missing flights of one `place`: (clock, level, number)."""
+    clock, level, number = place
     assembled = look_up(flight)
     batch = Batch(out / f"{clock.replace(' ', '-')}-busy-{level}-f{number}", settings(assembled, assembled.camera))
     try:
-        if batch.left(plan.episodes):
+        if batch.left(episodes):
             with busy(level):
-                fly_run(batch, flight, plan.episodes, plan.jobs)
-        for episode in plan.episodes:
+                fly_run(batch, flight, episodes, jobs)
+        for episode in episodes:
             folder = batch.folder(episode)
             result = stored_result(folder.name, folder)
             if result.outcome not in SCORED:
@@ -136,19 +144,6 @@ def _fly_level(plan: LoadPlan, out: Path, clock: Clock, level: int, number: int)
             )
     finally:
         batch.close()
-
-
-def flight_spec(plan: LoadPlan, clock: Clock, number: int) -> FlightSpec:
-    """Return the specification of a run's flights, without the episode."""
-    speed = None if clock == "lockstep" else plan.speed
-    return FlightSpec(
-        pilot=plan.pilot,
-        simulated=Simulated(speed=speed, rendered=plan.rendered),
-        latency=LatencyPolicy.parse(plan.latency),
-        seconds=plan.seconds,
-        seed=number - 1,
-        full=True,
-    )
 
 
 def log_digest(folder: Path) -> str:

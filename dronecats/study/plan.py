@@ -126,19 +126,13 @@ def check_flights(plan: StudyPlan) -> None:
 
     The error names the levels of the flight, unless all flights fail for the same reason.
     """
-    first: tuple[str, str] | None = None  # the first invalid flight: the reason, and its levels
-    has_others = False  # whether another flight is valid or has another reason
-    for entry, run in zip(plan.entries, plan.study.runs, strict=True):
-        if run.flight_number > 1:  # it differs from the first flight only in the seed
-            continue
-        reason = _refusal(entry.flight)
-        if reason is not None and first is None:
-            first = reason, ", ".join(f"{name} {level_text(level)}" for name, level in run.levels.items())
-        has_others |= reason is None or (first is not None and reason != first[0])
-        if first and has_others:
-            raise UsageError(f"at {first[1]}: {first[0]}")
-    if first:
-        raise UsageError(first[0])
+    # a later flight differs from the first one only in the seed
+    flights = [(entry, run) for entry, run in zip(plan.entries, plan.study.runs, strict=True) if run.flight_number == 1]
+    reasons = [_refusal(entry.flight) for entry, _ in flights]
+    for (_, run), reason in zip(flights, reasons, strict=True):
+        if reason is not None:
+            levels = ", ".join(f"{name} {level_text(level)}" for name, level in run.levels.items())
+            raise UsageError(reason if set(reasons) == {reason} else f"at {levels}: {reason}")
 
 
 def _refusal(flight: FlightSpec) -> str | None:

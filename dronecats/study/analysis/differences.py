@@ -168,7 +168,8 @@ def _difference(cell: str, metric: str, first: _Side, second: _Side, pairs: Sequ
     """Return the difference over the pairs; None if no pair has the metric in both flights."""
     partner = {id(a): b for a, b in pairs}
     groups = by_episode([a for a, _ in pairs]).values()
-    means, count, shares = [], 0, ()
+    shares: tuple[ShareEstimate, ...] = ()
+    means, count = [], 0
     for group in groups:
         if metric == SUCCESS:
             changes = [float(a.scored.success) - partner[id(a)].scored.success for a in group]

@@ -165,17 +165,18 @@ def _with_entrants(runs: Sequence[RecordedRun], study: Study, study_runs: Mappin
 def _label(own: Setting, all_settings: Sequence[Setting]) -> str:
     """Return the pilot's name, and its settings that are unusual or differ between entrants of this name."""
     name = f"replay of {own.pilot}" if own.replayed else own.pilot
-    usual = {"command": FLAT, "commander": "", "agent": PAPER}
+    usual = {
+        "command": FLAT,
+        "commander": "",
+        "agent": PAPER,
+        **{field: getattr(own, field) for field in REQUEST_FIELDS},
+    }
     namesakes = [s for s in all_settings if (s.pilot, s.replayed) == (own.pilot, own.replayed)]
     details = [
         value
         for field, plain in usual.items()
         if (value := str(getattr(own, field))) != plain or any(getattr(s, field) != value for s in namesakes)
     ]
-    for field in REQUEST_FIELDS:
-        value = getattr(own, field)
-        if any(getattr(s, field) != value for s in namesakes):
-            details.append(value)
     return " · ".join([name, *filter(None, details)])
 
 

@@ -73,7 +73,7 @@ class Panels:
         server: viser.ViserServer,
         drafting: Drafting,
         title: str,
-        steps: Mapping[str, Callable[[], object]],
+        steps: Mapping[str, Callable[[], Any]],
         do: Callable[[DraftOperation, Any], None],
         save: Callable[[bool, Any], None],
         select: Callable[[int], None],

@@ -116,7 +116,6 @@ class LivePage:
         self._folder: Path | None = None  # the folder of the shown flight
         self._begun_ns = 0  # when this flight was prepared; a later flight may use the same folder
         self._ground: object = None  # identifies the shown map
-        self._listed: object = None
         server.gui.main_panel.dock_right()
         self._waiting = server.gui.add_html(WAITING)
         self._choice: Any = server.gui.add_dropdown("Flight", (NEWEST,), initial_value=NEWEST, visible=False)
@@ -157,10 +156,8 @@ class LivePage:
         return next((episode for episode in episodes if not episode.over), None)
 
     def _show_list(self, episodes: list[WatchedEpisode]) -> None:
-        listed = tuple((episode.name, episode.over) for episode in episodes)
-        if listed == self._listed or len(episodes) < 2:
+        if len(episodes) < 2:
             return
-        self._listed = listed
         names = (NEWEST, *(episode.name for episode in sorted(episodes, key=attrgetter("over"))[:LISTED]))
         if self._choice.options != names:
             kept = self._choice.value

@@ -221,7 +221,7 @@ class ReplayPage:
         request = ViewRequest(state.flight, self._drone(state), state.view, min(t_s, self.flights[state.flight].end_s))
         if request != self._requested:
             self._requested = request
-            self._views.request(request)
+            self._views.put(request)
 
     def _drawn(self, request: ViewRequest, picture: Picture | str) -> None:
         state = self.state

@@ -60,7 +60,9 @@ class FlightViews:
         pose = self._flight.tracks[drone].at(t_s)
         if view is RedrawnView.CHASE:
             return self._path(drone).at(t_s)
-        return above(pose) if view is RedrawnView.TOP else aboard(pose, self._flight.camera_at(drone, t_s))
+        if view is RedrawnView.TOP:
+            return above(pose)
+        return camera_pose(pose.position_ned, pose.attitude, self._flight.camera_at(drone, t_s))
 
     def close(self) -> None:
         for stage in self._stages.values():
@@ -74,7 +76,7 @@ class FlightViews:
         return self._paths[drone]
 
 
-class ViewRenderer:
+class ViewRenderer(NewestItemWorker[ViewRequest]):
     """Draws requests in the background. A newer request replaces a request that still waits."""
 
     def __init__(
@@ -83,18 +85,11 @@ class ViewRenderer:
         """`flights`: None for a flight in an unknown world. `shown` gets a picture, or the reason why there is none."""
         self._flights, self._shown = flights, shown
         self._views: dict[int, FlightViews] = {}
-        self._latest = NewestItemWorker(self._draw, "replay-views")
-
-    def request(self, request: ViewRequest) -> None:
-        self._latest.put(request)
-
-    def idle(self, timeout_s: float) -> bool:
-        """Wait until the newest request is drawn; return False after the timeout."""
-        return self._latest.idle(timeout_s)
+        super().__init__(self._draw, "replay-views")
 
     def close(self) -> None:
         """End the thread, and release the renderers."""
-        self._latest.close()
+        super().close()
         for views in self._views.values():
             views.close()
 
@@ -114,8 +109,3 @@ def above(pose: DronePose) -> CameraPose:
     """Return the pose of a camera that looks straight down at a drone, with north at the top."""
     north, east, down = pose.position_ned
     return CameraPose((north, east, down - ABOVE_M), quat_from_euler(0.0, -math.pi / 2, 0.0))
-
-
-def aboard(pose: DronePose, camera: CameraModel) -> CameraPose:
-    """Return the pose of a drone's own camera."""
-    return camera_pose(pose.position_ned, pose.attitude, camera)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from dronecats.view.replay.views import NO_WORLD, FlightViews, RedrawnView, ViewRenderer, ViewRequest, aboard
-from foundation.camera import CameraModel
+from dronecats.view.replay.views import NO_WORLD, FlightViews, RedrawnView, ViewRenderer, ViewRequest
 
 SMALL = (320, 180)
 
@@ -34,10 +33,10 @@ def test_a_view_shows_the_world_and_from_outside_the_drone(views, flight, view):
     assert (picture != views.picture(0, view, 5.0)).mean() > 0.05  # it moves
 
 
-def test_the_lens_of_a_decision_is_at_the_pose_of_its_frame(flight):
+def test_the_lens_of_a_decision_is_at_the_pose_of_its_frame(views, flight):
     one = flight.recorded.logs.decisions[0]
     shown = flight.moment(one.t_decided).drones[0]
-    assert shown.lens_ned == pytest.approx(aboard(flight.pose(0, one.t_frame), CameraModel()).position_ned)
+    assert shown.lens_ned == pytest.approx(views.eye(0, RedrawnView.ONBOARD, one.t_frame).position_ned)
 
 
 def test_only_the_newest_request_is_drawn_and_a_missing_world_is_reported(flight):
@@ -46,12 +45,12 @@ def test_only_the_newest_request_is_drawn_and_a_missing_world_is_reported(flight
     try:
         wishes = [ViewRequest(0, 0, RedrawnView.TOP, 0.1 * k) for k in range(30)]
         for wish in wishes:
-            made.request(wish)
+            made.put(wish)
         assert made.idle(60.0)
         assert drawn[-1][0] == wishes[-1]
         assert len(drawn) < len(wishes)
         assert not isinstance(drawn[-1][1], str)
-        made.request(ViewRequest(1, 0, RedrawnView.TOP, 0.0))
+        made.put(ViewRequest(1, 0, RedrawnView.TOP, 0.0))
         assert made.idle(60.0)
         assert drawn[-1][1] == NO_WORLD
     finally:
