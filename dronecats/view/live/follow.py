@@ -4,7 +4,7 @@ import contextlib
 import json
 import math
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import itemgetter
 from pathlib import Path
@@ -20,7 +20,7 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.run_folder import layout
 from foundation.run_folder.prompts import PromptReader
-from foundation.run_folder.reading import json_object, parse_row
+from foundation.run_folder.reading import Row, json_object, parse_row
 from foundation.run_folder.rows import (
     TRUTH_ROWS,
     ActiveLimits,
@@ -71,18 +71,18 @@ class FlightFollower:
     def turn(self) -> Moment:
         """Read the new lines and frames, and return the current moment."""
         self._wires.feed(self._tlog.read())
-        for row in self._rows(layout.TRUTH):
-            self._take_truth(row)
-        for value in self._rows(layout.SAFETY):
-            limits, _ = parse_row(value, EnvelopeRow)
-            if limits is not None and (begun := self._active.begun(limits)):
-                self._add_limited(limits.drone, limits.time_us, f"envelope: limited by {', '.join(begun)}")
-        for value in self._rows(layout.COMMANDER):
-            self._take_exchange(value)
-        for value in self._rows(layout.PROMPTS):
-            self._take_prompt(value)
-        rows = [parse_row(value, Decision)[0] for value in self._rows(layout.DECISIONS)]
-        self._take_decisions([decision for decision in rows if decision is not None])
+        for value in self._values(layout.TRUTH):
+            self._take_truth(value)
+        for row in self._rows(layout.SAFETY, EnvelopeRow):
+            if begun := self._active.begun(row):
+                self._add_limited(row.drone, row.time_us, f"envelope: limited by {', '.join(begun)}")
+        for exchange in self._rows(layout.COMMANDER, Exchange):
+            if exchange.t_answered is not None:
+                for order in exchange.orders:
+                    self._add_message(order.drone, self._us(exchange.t_answered), f"commander: {order.goal}")
+        for prompt in self._rows(layout.PROMPTS, LoggedPrompt):
+            self._take_prompt(prompt)
+        self._take_decisions(self._rows(layout.DECISIONS, Decision))
         self._read_verdict()
         t_s = self._t(self._wires.time_us) if self._begin is not None else 0.0
         if self._end is not None:
@@ -100,17 +100,18 @@ class FlightFollower:
 
     # ---- the logs
 
-    def _rows(self, name: str) -> list[dict[str, Any]]:
-        """Return the JSON objects in a log's new lines; other lines are skipped."""
-        values = []
+    def _values(self, name: str) -> Iterator[dict[str, Any]]:
+        """Yield the JSON objects in a log's new lines; other lines are skipped."""
         for line in self._logs[name].read():
-            try:
+            with contextlib.suppress(ValueError, RecursionError):
                 value = json.loads(line)
-            except (ValueError, RecursionError):
-                continue
-            if isinstance(value, dict):
-                values.append(value)
-        return values
+                if isinstance(value, dict):
+                    yield value
+
+    def _rows(self, name: str, kind: type[Row]) -> list[Row]:
+        """Return the valid rows of a kind in a log's new lines."""
+        rows = (parse_row(value, kind)[0] for value in self._values(name))
+        return [row for row in rows if row is not None]
 
     def _take_truth(self, value: dict[str, Any]) -> None:
         kind = TRUTH_ROWS.get(str(value.get("kind")))
@@ -133,20 +134,11 @@ class FlightFollower:
         self._limited[drone, text] += 1
         self._add_message(drone, time_us, f"{text} ({times + 1} times)" if times else text)
 
-    def _take_prompt(self, value: dict[str, Any]) -> None:
-        row = parse_row(value, LoggedPrompt)[0]
-        if row is not None:
-            with contextlib.suppress(UsageError):  # skip a row that refers to missing text
-                prompt = self._reader.read(row)
-                if row.role == "pilot":
-                    self._texts[row.drone].append(prompt.text)
-
-    def _take_exchange(self, value: dict[str, Any]) -> None:
-        exchange = parse_row(value, Exchange)[0]
-        if exchange is None or exchange.t_answered is None:
-            return
-        for order in exchange.orders:
-            self._add_message(order.drone, self._us(exchange.t_answered), f"commander: {order.goal}")
+    def _take_prompt(self, row: LoggedPrompt) -> None:
+        with contextlib.suppress(UsageError):  # skip a row that refers to missing text
+            prompt = self._reader.read(row)
+            if row.role == "pilot":
+                self._texts[row.drone].append(prompt.text)
 
     def _add_message(self, drone: int, time_us: int, text: str) -> None:
         self._messages[drone] = sorted([*self._messages[drone], (time_us, text)], key=itemgetter(0))[-MESSAGES:]

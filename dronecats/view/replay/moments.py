@@ -2,7 +2,7 @@
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property, lru_cache
@@ -48,27 +48,13 @@ class Occurrence:
     words: str
 
 
-def envelope_faults(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
-    """Return a fault for each row of safety.jsonl in which a limit begins to act; empty if the file does not exist.
+def occurrences(flight: RecordedFlight) -> tuple[Occurrence, ...]:
+    """Return the occurrences of a flight from 0 to its end, in the order of time.
 
-    Raises UsageError if the file is damaged.
+    Raises UsageError if safety.jsonl is damaged.
     """
-    lines, active = rows(path, EnvelopeRow) if path.is_file() else (), ActiveLimits()
-    return tuple(
-        Occurrence((row.time_us - t0_us) / 1e6, OccurrenceKind.FAULT, row.drone,
-                   f"envelope: limited by {', '.join(begun)}")
-        for row in lines if (begun := active.begun(row))
-    )  # fmt: skip
-
-
-def occurrences(
-    logs: Logs, vehicles: Mapping[int, DroneTelemetry], limited: Iterable[Occurrence], end_s: float
-) -> tuple[Occurrence, ...]:
-    """Return the occurrences from 0 to `end_s`, in the order of time."""
-    every = [*_decisions(logs), *limited, *_end(logs, end_s)]
-    for vehicle in vehicles.values():
-        every += [*_warnings(vehicle), *_mode_losses(vehicle, end_s)]
-    return tuple(sorted((o for o in every if 0.0 <= o.t_s <= end_s + SAME_S), key=attrgetter("t_s")))
+    every = (*_decisions(flight.logs), *_faults(flight))
+    return tuple(sorted((o for o in every if 0.0 <= o.t_s <= flight.end_s + SAME_S), key=attrgetter("t_s")))
 
 
 def following(sequence: Sequence[Occurrence], t_s: float) -> Occurrence | None:
@@ -93,24 +79,29 @@ def _decisions(logs: Logs) -> Iterator[Occurrence]:
             yield Occurrence(t_s, OccurrenceKind.FAULT, drone, words)
 
 
-def _warnings(vehicle: DroneTelemetry) -> Iterator[Occurrence]:
-    for t_s, text in zip(vehicle.warnings.t_s, vehicle.warnings.values, strict=True):
-        yield Occurrence(t_s, OccurrenceKind.FAULT, vehicle.drone, text)
+def _faults(flight: RecordedFlight) -> Iterator[Occurrence]:
+    """Yield the faults beside decisions without an action.
 
-
-def _mode_losses(vehicle: DroneTelemetry, end_s: float) -> Iterator[Occurrence]:
-    """Yield each change from OFFBOARD to another mode during the episode: a failsafe, or an operator's command."""
-    before = ""
-    for t_s, state in zip(vehicle.states.t_s, vehicle.states.values, strict=True):
-        if before == OFFBOARD and state.mode != OFFBOARD and t_s < end_s - END_TOLERANCE_S:
-            yield Occurrence(t_s, OccurrenceKind.FAULT, vehicle.drone, f"mode {state.mode}")
-        before = state.mode
-
-
-def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
-    if logs.end is not None and logs.end.reason not in NORMAL_END_REASONS:
-        error = f": {logs.end.error}" if logs.end.error else ""
-        yield Occurrence(end_s, OccurrenceKind.FAULT, None, f"the flight ended: {logs.end.reason}{error}")
+    These are limits of the envelope that begin to act, an early end, warnings, and each change from OFFBOARD to another
+    mode during the episode: a failsafe, or an operator's command.
+    """
+    path, active = flight.folder / layout.SAFETY, ActiveLimits()
+    for row in rows(path, EnvelopeRow) if path.is_file() else ():
+        if begun := active.begun(row):
+            words = f"envelope: limited by {', '.join(begun)}"
+            yield Occurrence((row.time_us - flight.t0_us) / 1e6, OccurrenceKind.FAULT, row.drone, words)
+    end = flight.logs.end
+    if end is not None and end.reason not in NORMAL_END_REASONS:
+        words = f"the flight ended: {end.reason}{f': {end.error}' if end.error else ''}"
+        yield Occurrence(flight.end_s, OccurrenceKind.FAULT, None, words)
+    for vehicle in flight.telemetry.values():
+        for t_s, text in zip(vehicle.warnings.t_s, vehicle.warnings.values, strict=True):
+            yield Occurrence(t_s, OccurrenceKind.FAULT, vehicle.drone, text)
+        before = ""
+        for t_s, state in zip(vehicle.states.t_s, vehicle.states.values, strict=True):
+            if before == OFFBOARD and state.mode != OFFBOARD and t_s < flight.end_s - END_TOLERANCE_S:
+                yield Occurrence(t_s, OccurrenceKind.FAULT, vehicle.drone, f"mode {state.mode}")
+            before = state.mode
 
 
 MESSAGES = 8  # at most this many messages in a moment
@@ -296,10 +287,7 @@ def flight_moments(path: Path) -> FlightMoments:
         raise UsageError(f"{folder} has no pose of a drone, so there is nothing to show")
     kept = any((folder / layout.FRAMES).glob("*.jpg"))
     missing += [NOT_DRAWN] if not flight.run.is_rendered else [] if kept else [NO_PICTURES]
-    limited = envelope_faults(folder / layout.SAFETY, flight.t0_us)
-    return FlightMoments(
-        flight, world, occurrences(logs, flight.telemetry, limited, flight.end_s), tuple(missing)
-    )  # fmt: skip
+    return FlightMoments(flight, world, occurrences(flight), tuple(missing))
 
 
 def check_same_episode(flights: Sequence[FlightMoments]) -> None:

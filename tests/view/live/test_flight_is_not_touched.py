@@ -1,7 +1,6 @@
 """A flight with a live page writes the same bytes as one without, even if the page hangs or is killed."""
 
 import contextlib
-import json
 import os
 import signal
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.opening import VIEWER
 from foundation.run_folder import layout
 from foundation.run_folder.reading import rows
-from foundation.run_folder.rows import Decision
+from foundation.run_folder.rows import Decision, LoggedPrompt
 
 pytestmark = pytest.mark.slow
 EPISODE = "residential-approaching-03"
@@ -129,7 +128,7 @@ def test_the_page_shows_the_prompts_of_the_pilot(alone):
     decided = list(rows(folder / layout.DECISIONS, Decision))
     assert len(decided) > 2
     shown = []
-    for prompt in map(json.loads, (folder / layout.PROMPTS).read_text().splitlines()):
+    for prompt in rows(folder / layout.PROMPTS, LoggedPrompt):
         follower._take_prompt(prompt)
     for decision in decided:
         follower._take_decisions([decision])
