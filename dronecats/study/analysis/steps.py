@@ -22,8 +22,7 @@ VIEW_WIDTH_PER_DEPTH = 2.0 * math.tan(
 
 def target_moved(flight: JudgedFlight) -> list[MetricValue]:
     """Return per step the distance (m) that the target moves until the drone's next picture; None: not measured."""
-    following = _following(flight.steps)
-    return [_moved_m(step, after) for step, after in zip(flight.steps, following, strict=True)]
+    return [_moved_m(step, after) for step, after in _with_next(flight.steps)]
 
 
 def view_width(flight: JudgedFlight) -> list[MetricValue]:
@@ -33,21 +32,20 @@ def view_width(flight: JudgedFlight) -> list[MetricValue]:
 
 def decision_period(flight: JudgedFlight) -> list[MetricValue]:
     """Return per step the time (s) until the drone's next picture; None: last step, or beyond the cap (time limit)."""
-    following = _following(flight.steps)
     return [
         None if after is None or not step.counts else after.decision.t_frame - step.decision.t_frame
-        for step, after in zip(flight.steps, following, strict=True)
+        for step, after in _with_next(flight.steps)
     ]
 
 
-def _following(steps: Sequence[FlightStep]) -> list[FlightStep | None]:
-    """Return the next step of the same drone, for each step."""
+def _with_next(steps: Sequence[FlightStep]) -> list[tuple[FlightStep, FlightStep | None]]:
+    """Return each step with the next step of the same drone."""
     later: dict[int, FlightStep] = {}
-    following: list[FlightStep | None] = []
+    pairs: list[tuple[FlightStep, FlightStep | None]] = []
     for step in reversed(steps):
-        following.append(later.get(step.decision.drone))
+        pairs.append((step, later.get(step.decision.drone)))
         later[step.decision.drone] = step
-    return following[::-1]
+    return pairs[::-1]
 
 
 def _moved_m(step: FlightStep, after: FlightStep | None) -> float | None:

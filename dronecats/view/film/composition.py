@@ -275,7 +275,8 @@ class MapPane:
         self._flight, self._size, self._small = flight, (width, height), max(9, round(14 * unit))
         self._times = np.arange(0.0, flight.end_s + SAMPLES_S, SAMPLES_S)
         self._trails = {drone: track.positions(self._times) for drone, track in flight.tracks.items()}
-        places = np.concatenate([*self._trails.values(), *(np.array([p]) for p in self._targets())])[:, :2]
+        targets = [flight.world.target_centre(float(t)) for t in self._times[::5]]
+        places = np.concatenate([*self._trails.values(), np.array(targets)])[:, :2]
         low, high = places.min(axis=0), places.max(axis=0)
         self._middle = (low + high) / 2
         half_high = max((high[0] - low[0]) / 2 + MARGIN_M, LEAST_M)
@@ -309,9 +310,6 @@ class MapPane:
         x = width / 2 + (places[:, 1] - self._middle[1]) / self.per_px
         y = height / 2 - (places[:, 0] - self._middle[0]) / self.per_px
         return np.asarray(np.rint(np.column_stack([x, y]) * 2**SHIFT), np.int32)[:, None]
-
-    def _targets(self) -> list[Vec3]:
-        return [self._flight.world.target_centre(float(t)) for t in self._times[::5]]
 
     def _from_above(self) -> Picture:
         """Return a picture of all static objects from above."""

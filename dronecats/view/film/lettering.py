@@ -8,19 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from dronecats.report.kit import palette
+
 Ink = tuple[int, int, int]  # RGB
 Picture = NDArray[np.uint8]
 
 WHITE, PALE, GREY, YELLOW = (245, 246, 244), (203, 207, 210), (150, 156, 162), (255, 230, 0)
 GREEN, RED, MAGENTA = (46, 214, 90), (255, 92, 80), (255, 70, 220)
-DRONES: tuple[Ink, ...] = (
-    (255, 176, 0),
-    (63, 167, 255),
-    (255, 92, 138),
-    (180, 140, 255),
-    (0, 208, 160),
-    (255, 122, 26),
-)
+DRONES = tuple(map(palette.rgb, ("#ffb000", "#3fa7ff", "#ff5c8a", "#b48cff", "#00d0a0", "#ff7a1a")))
 BACKGROUND: Ink = (20, 23, 27)
 
 

@@ -83,11 +83,6 @@ def load_world(folder: Path) -> World | None:
         return None
 
 
-def load_instruction(folder: Path) -> str:
-    """Return the pilots' instruction in an episode folder; "" if there is none."""
-    return str((json_object(folder / layout.EPISODE) or {}).get("instruction") or "")
-
-
 def load_camera(folder: Path) -> CameraModel:
     """Return the camera in a flight's run.json, or the benchmark's camera if there is none."""
     return _run(folder).camera

@@ -12,7 +12,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.view.live.folder import FrameTail, LineTail, PictureTail, load_camera, load_instruction
+from dronecats.view.live.folder import FrameTail, LineTail, PictureTail, load_camera
 from dronecats.view.live.moment import ChosenSight, DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go, sight
 from dronecats.view.live.wire_state import WireState
 from episodes.world.world import World
@@ -46,7 +46,8 @@ class FlightFollower:
         self.folder, self._world, self._drones = folder, world, drones
         scene = world.scene if world is not None else None
         origin = (scene.latitude_deg, scene.longitude_deg, scene.altitude_m) if scene is not None else None
-        self._camera, self._instruction = load_camera(folder), load_instruction(folder)
+        self._camera = load_camera(folder)
+        self._instruction = str((json_object(folder / layout.EPISODE) or {}).get("instruction") or "")
         self._wires = WireState(origin)
         self._tlog = FrameTail(folder / layout.TLOG)
         self._logs = {name: LineTail(folder / name) for name in

@@ -46,15 +46,15 @@ class FlightPanels:
         self._folder = gui.add_folder("Flight")
         with self._folder:
             self._state = gui.add_html("")
-            names = (NO_DRONE, *(drone_label(k) for k in range(drones)))
-            self._follow: Any = gui.add_dropdown("Follow", names, initial_value=NO_DRONE)
+            choices: dict[str, int | None] = {NO_DRONE: None, **{drone_label(k): k for k in range(drones)}}
+            self._follow: Any = gui.add_dropdown("Follow", tuple(choices), initial_value=NO_DRONE)
             self._judge: Any = gui.add_checkbox("The judge's view", False)
             self._judged = gui.add_html("")
             self._pilots = gui.add_html("", visible=piloted)
             self._numbers = gui.add_html("")
             self._messages = gui.add_html("")
         if on_follow is not None:
-            self._follow.on_update(by_user(lambda: on_follow(self._wanted())))
+            self._follow.on_update(by_user(lambda: on_follow(choices[self._follow.value])))
         self._judge.on_update(by_user(lambda: self._show_judge(bool(self._judge.value))))
 
     def _add_frames(self, panel: Any) -> Any:
@@ -80,17 +80,11 @@ class FlightPanels:
             self._judged.content = judge_html(moment.judge) if self.judge_shown else ""
         self._server.flush()
 
-    def _wanted(self) -> int | None:
-        named = {drone_label(k): k for k in range(self._drones)}
-        return named.get(self._follow.value)
-
     def show_wanted(self, judge: bool, followed: int | None) -> None:
         """Show choices made with another control, such as a key. Calls neither `on_judge` nor `on_follow`."""
         self.judge_shown = judge
-        name = NO_DRONE if followed is None else drone_label(followed)
-        for field, value in ((self._judge, judge), (self._follow, name)):
-            if field.value != value:
-                field.value = value
+        self._judge.value = judge
+        self._follow.value = NO_DRONE if followed is None else drone_label(followed)
 
     def remove(self) -> None:
         if self._pictures is not None:
