@@ -17,10 +17,9 @@ from PIL import Image, ImageColor
 from dronecats.flight.picture import FLIGHT_COLORS
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.report.kit import palette
-from dronecats.view.live.moment import Moment
 from dronecats.view.live.scene import CHOSEN
 from dronecats.view.live.viewer_process import LiveFlight
-from dronecats.view.replay.moments import FlightMoments, flight_moments
+from dronecats.view.replay.moments import flight_moments
 from dronecats.view.replay.page import RUN_COLORS, ReplayPage
 from dronecats.view.replay.views import RedrawnView
 from dronecats.view.scene.page import LoopbackServer
@@ -59,16 +58,6 @@ REPLAY_PICTURE = MadePicture("replay.jpg", (1200, 675), (*(palette.shade(color) 
 LIVE_PICTURE = MadePicture("watching.jpg", (1400, 757), (CHOSEN,))
 REPORT_PICTURE = MadePicture("report-step.jpg", (1100, 701), (CHOSEN,))
 MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE, REPORT_PICTURE)
-
-
-class Standing:
-    """A recorded flight that stays at one moment, with the interface of a live flight."""
-
-    def __init__(self, flight: FlightMoments, t_s: float) -> None:
-        self._moment = flight.moment(t_s)
-
-    def turn(self) -> Moment:
-        return self._moment
 
 
 def fly_episode(folder: Path, episode: str, pilot: str) -> Path:
@@ -146,7 +135,8 @@ def live_picture(folder: Path) -> NDArray[np.uint8]:
         server.gui.set_panel_label("DroneCATS · vision")
         server.gui.main_panel.dock_right()
         trails = {0: flight.way(0, LIVE_S, 0.1)}
-        live = LiveFlight(server, Standing(flight, LIVE_S), flight.world, 1, flight.recorded.camera, trails)
+        moment = flight.moment(LIVE_S)
+        live = LiveFlight(server, lambda: moment, flight.world, 1, flight.recorded.camera, trails)
         live.turn()
         with shown(server.url, LIVE_PICTURE.size) as driver:
             standing(driver)

@@ -3,11 +3,11 @@
 import math
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import viser
 
@@ -31,14 +31,6 @@ LISTED = 200  # the list of choices has at most this many flights
 WAITING = '<div style="font-size:13px;padding:4px 10px">waiting for a flight …</div>'
 
 
-class Follower(Protocol):
-    """The source of a flight's moments."""
-
-    def turn(self) -> Moment:
-        """Return the current moment."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class WantedView:
     """The choices of a user, which are kept for the next flight."""
@@ -53,7 +45,7 @@ class LiveFlight:
     def __init__(
         self,
         server: viser.ViserServer,
-        follower: Follower,
+        next_moment: Callable[[], Moment],
         world: World | None,
         drones: int,
         camera: CameraModel | None = None,
@@ -61,11 +53,12 @@ class LiveFlight:
         wanted: WantedView | None = None,
         piloted: bool = True,
     ) -> None:
-        """`trails`: earlier positions of each drone (m, NED); the follower's first turn fills them.
+        """`next_moment` returns the current moment.
 
-        `wanted`: the user's choices so far; `piloted`: whether a pilot gets pictures.
+        `trails`: earlier positions of each drone (m, NED); the first call of `next_moment` fills them. `wanted`: the
+        user's choices so far; `piloted`: whether a pilot gets pictures.
         """
-        self._follower, self._trails = follower, trails
+        self._next_moment, self._trails = next_moment, trails
         self._start = world.record.starts[0] if world else None
         self._scene = FlightScene(server, world.scene if world else None, drones=drones, camera=camera)
         self._panels = FlightPanels(server, drones, piloted=piloted, on_judge=self._judge, on_follow=self._follow)
@@ -77,7 +70,7 @@ class LiveFlight:
         self._scene.follow(self.wanted.followed)
 
     def turn(self) -> None:
-        moment = self._follower.turn()
+        moment = self._next_moment()
         for drone, places in (self._trails or {}).items():
             self._scene.show_trail(drone, places)
         self._trails = None
@@ -108,10 +101,11 @@ class LiveFlight:
 
 
 class LivePage:
-    """Shows one of several flights: the newest that is not over, until a user chooses another."""
+    """Shows one of the flights of a folder: the newest that is not over, until a user chooses another."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, root: Path) -> None:
         self._server = server
+        self._episodes, self._due_s = EpisodeList(root), 0.0
         self._shown: LiveFlight | None = None
         self._folder: Path | None = None  # the folder of the shown flight
         self._begun_ns = 0  # when this flight was prepared; a later flight may use the same folder
@@ -139,6 +133,11 @@ class LivePage:
         self._shown = self._open(wanted.folder, kept)
 
     def turn(self) -> None:
+        """Update the list of flights if it is due, and show the current moment."""
+        now_s = time.monotonic()
+        if now_s >= self._due_s:
+            self.listed(self._episodes.look())
+            self._due_s = now_s + LISTED_S
         if self._shown is not None:
             self._shown.turn()
 
@@ -147,7 +146,7 @@ class LivePage:
         world = load_world(folder)
         drones = len(world.record.starts) if world is not None else 1
         follower = FlightFollower(folder, world, drones)
-        return LiveFlight(self._server, follower, world, drones, load_camera(folder), follower.trails, kept)
+        return LiveFlight(self._server, follower.turn, world, drones, load_camera(folder), follower.trails, kept)
 
     def _wanted(self, episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
         chosen = self._choice.value
@@ -183,22 +182,6 @@ LISTED_S = 0.5  # wall s between updates of the list of flights
 NICE = 5  # niceness of this process, so that the flight's processes have priority
 
 
-class FolderPage:
-    """The page that shows the flights of a folder."""
-
-    def __init__(self, server: LoopbackServer, root: Path) -> None:
-        self._episodes, self._page = EpisodeList(root), LivePage(server)
-        self._due_s = 0.0
-
-    def turn(self) -> None:
-        """Update the list of flights if it is due, and show the current moment."""
-        now_s = time.monotonic()
-        if now_s >= self._due_s:
-            self._page.listed(self._episodes.look())
-            self._due_s = now_s + LISTED_S
-        self._page.turn()
-
-
 class FlightViewer:
     """The child process that serves a page. It only reads, so the flight continues if this process hangs or dies."""
 
@@ -207,7 +190,7 @@ class FlightViewer:
         label = f"DroneCATS · {config.title}" if config.title else "DroneCATS"
         self._server = LoopbackServer(label, config.port, config.hosts)
         self._config = config
-        self._page: FolderPage | LiveFlight | None = None  # created in the first turn: this may take seconds
+        self._page: LivePage | LiveFlight | None = None  # created in the first turn: this may take seconds
         self._due_s = 0.0
 
     def ready(self) -> dict[str, Any]:
@@ -226,10 +209,10 @@ class FlightViewer:
     def close(self) -> None:
         self._server.stop()
 
-    def _open(self) -> FolderPage | LiveFlight:
+    def _open(self) -> LivePage | LiveFlight:
         wires = self._config.wires
         if wires is None:
-            return FolderPage(self._server, Path(self._config.root))
+            return LivePage(self._server, Path(self._config.root))
         world = World(catalogue.load(wires.episode), conditions=wires.conditions)
         self._server.gui.main_panel.dock_right()
-        return LiveFlight(self._server, WireFollower(wires, world), world, wires.drones, piloted=False)
+        return LiveFlight(self._server, WireFollower(wires, world).turn, world, wires.drones, piloted=False)

@@ -74,7 +74,7 @@ def test_a_missing_or_incomplete_folder_has_no_flight(tmp_path):
 
 def test_the_newest_flight_is_shown_until_the_user_chooses_another(bench):
     server = LoopbackServer("test", 0)
-    page, episodes = LivePage(server), EpisodeList(bench)
+    page, episodes = LivePage(server, bench), EpisodeList(bench)
     client = PageClient(server.url)
     try:
         page.listed(episodes.look())
@@ -114,7 +114,7 @@ def test_a_new_flight_moves_the_camera_and_keeps_the_users_options(bench, world)
     (bench / "run-a/two" / layout.EPISODE).write_text(there.to_json())
     os.utime(bench / "run-a/two" / layout.EPISODE, (1_001, 1_001))
     server = LoopbackServer("test", 0)
-    page, episodes = LivePage(server), EpisodeList(bench)
+    page, episodes = LivePage(server, bench), EpisodeList(bench)
     client = PageClient(server.url)
     try:
         server.gui.set_panel_label("come")
