@@ -64,7 +64,7 @@ class ChainClock:
     def __init__(self, wall_s: Callable[[], float], on_times: Callable[[QuestionTimes], None]) -> None:
         """`wall_s` reads the host's clock (s); `on_times` is called with the times of each finished question."""
         self._wall_s, self._on_times = wall_s, on_times
-        self._current: _Question | None = None
+        self._current = _Question(0.0)  # before the first request: it has no reply, so it is never reported
         self._decided: _Question | None = None  # the question whose setpoint is not ready yet
         self._ticked_s = 0.0
 
@@ -74,18 +74,16 @@ class ChainClock:
 
     def picture_arrived(self, age_s: float) -> None:
         """Record that the picture has arrived; its age is `age_s`."""
-        if self._current is not None:
-            self._current.arrived_s, self._current.age_s = self._wall_s(), age_s
+        self._current.arrived_s, self._current.age_s = self._wall_s(), age_s
 
     def picture_seen(self) -> None:
         """Record that the agent has taken the picture."""
-        if self._current is not None and self._current.seen_s is None:
+        if self._current.seen_s is None:
             self._current.seen_s = self._wall_s()
 
     def answered(self, reply: Reply) -> None:
         """Record that the model's client has returned the reply."""
-        if self._current is not None:
-            self._current.answered_s, self._current.reply = self._wall_s(), reply
+        self._current.answered_s, self._current.reply = self._wall_s(), reply
 
     def ticked(self) -> None:
         """Record that a tick has passed and the agent continues."""
@@ -93,10 +91,10 @@ class ChainClock:
 
     def decided(self, decision: Decision) -> None:
         """Record that the reply has been parsed."""
-        if (current := self._current) is not None and current.reply is not None:
-            current.decision = decision
-            current.reply_seen_s = max(current.answered_s, self._ticked_s)
-            self._decided = current
+        if self._current.reply is not None:
+            self._current.decision = decision
+            self._current.reply_seen_s = max(self._current.answered_s, self._ticked_s)
+            self._decided = self._current
 
     def controller_done(self) -> None:
         """Record that the controller has computed a setpoint."""

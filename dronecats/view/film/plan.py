@@ -124,8 +124,6 @@ def filmable(path: Path) -> RecordedFlight:
 
     Raises UsageError for another folder, a flight without truth, and a flight whose world is unknown.
     """
-    if not path.is_dir():
-        raise UsageError(f"folder {path} does not exist")
     folder = episode_folder(path)
     flight = RecordedFlight.read(folder)
     if not flight.logs.true:

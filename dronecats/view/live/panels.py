@@ -30,15 +30,14 @@ class FlightPanels:
         drones: int,
         *,
         piloted: bool = True,
-        on_judge: Callable[[bool], None] | None = None,
-        on_follow: Callable[[int | None], None] | None = None,
+        on_judge: Callable[[bool], None] = lambda shown: None,
+        on_follow: Callable[[int | None], None] = lambda drone: None,
     ) -> None:
         """`piloted`: show the panels of pictures and replies.
 
         `on_judge` and `on_follow` are called when a user chooses the judge's view, or a drone to follow.
         """
         self._server, self._drones = server, drones
-        self._on_judge = on_judge
         self.judge_shown = False
         gui = server.gui
         self._pictures = gui.add_panel() if piloted else None
@@ -53,9 +52,13 @@ class FlightPanels:
             self._pilots = gui.add_html("", visible=piloted)
             self._numbers = gui.add_html("")
             self._messages = gui.add_html("")
-        if on_follow is not None:
-            self._follow.on_update(by_user(lambda: on_follow(choices[self._follow.value])))
-        self._judge.on_update(by_user(lambda: self._show_judge(bool(self._judge.value))))
+
+        def show_judge() -> None:
+            self.judge_shown = bool(self._judge.value)
+            on_judge(self.judge_shown)
+
+        self._follow.on_update(by_user(lambda: on_follow(choices[self._follow.value])))
+        self._judge.on_update(by_user(show_judge))
 
     def _add_frames(self, panel: Any) -> Any:
         """Add an HTML element for the pictures to a panel, and return the element."""
@@ -90,11 +93,6 @@ class FlightPanels:
         if self._pictures is not None:
             self._pictures.remove()
         self._folder.remove()
-
-    def _show_judge(self, wanted: bool) -> None:
-        self.judge_shown = wanted
-        if self._on_judge is not None:
-            self._on_judge(wanted)
 
 
 YELLOW, ACCENT, JUDGE = MARKS["chosen"], LIGHT["accent"], LIGHT["judge-line"]

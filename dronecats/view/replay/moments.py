@@ -273,8 +273,6 @@ def flight_moments(path: Path) -> FlightMoments:
     A flight that was killed, or is still in the air, ends at the last time in its logs. Raises UsageError for any
     other folder, a damaged flight, a flight that never began, and a flight without a pose.
     """
-    if not path.is_dir():
-        raise UsageError(f"folder {path} does not exist")
     flight = RecordedFlight.read(episode_folder(path))
     folder, logs = flight.folder, flight.logs
     if logs.begin is None:
