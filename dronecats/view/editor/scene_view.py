@@ -36,14 +36,7 @@ class _Object:
     place: Vec3  # m, NED
     yaw: float  # rad
     look: object  # key of the appearance; a new key rebuilds the shape
-    add: Callable[[str], Any]  # adds the shape under the node with this path
-
-
-@dataclass(slots=True)
-class _Gizmo:
-    handle: Any
-    look: object
-    shape: Any
+    add: Callable[[str], object]  # adds the shape under the node with this path
 
 
 class SceneView:
@@ -56,7 +49,8 @@ class SceneView:
         self._server = server
         self._drafting = drafting
         self._on_move, self._on_release = on_move, on_release
-        self._gizmos: dict[str, _Gizmo] = {}
+        self._gizmos = display.SceneNodes(server, "/edit")
+        self._looks: dict[str, object] = {}  # name of an object → look of its shape
         self._frustums: dict[int, Any] = {}
         self._held = ""  # name of the dragged object; "": none
         self._lines = display.SceneNodes(server, "/lines")
@@ -80,7 +74,7 @@ class SceneView:
         """Show a draft. The dragged object keeps its place in the browser."""
         with self._server.atomic():
             objects = self._objects(draft)
-            for name in [name for name in self._gizmos if name not in objects]:
+            for name in [name for name in self._looks if name not in objects]:
                 self._drop(name)
             for name, shown in objects.items():
                 self._place(name, shown)
@@ -114,41 +108,37 @@ class SceneView:
     def _bead(self, node: str) -> Any:
         return self._server.scene.add_icosphere(f"{node}/bead", 0.22, PATH)
 
-    def _drone(self, node: str, which: int) -> Any:
+    def _drone(self, node: str, which: int) -> None:
         color = palette.linear(palette.DRONES[which % len(palette.DRONES)])
-        body, self._frustums[which] = display.add_drone(self._server, node, color, PREVIEW, drone_label(which))
-        return body
+        _, self._frustums[which] = display.add_drone(self._server, node, color, PREVIEW, drone_label(which))
 
     def _place(self, name: str, shown: _Object) -> None:
-        node, place, rotation = f"/edit/{name}", display.place_of(shown.place), display.wxyz_of(shown.yaw)
-        gizmo = self._gizmos.get(name)
-        if gizmo is None:
-            waypoint = name.startswith("waypoint")
-            handle = self._server.scene.add_transform_controls(
-                node,
-                scale=1.2 if waypoint else 1.7 if name.startswith("drone") else 3.2,
-                line_width=3.0,
-                active_axes=(True, False, True),
-                disable_rotations=waypoint,
-                depth_test=False,
-                position=place,
-                wxyz=rotation,
-            )
+        place = {"position": display.place_of(shown.place), "wxyz": display.wxyz_of(shown.yaw)}
+        self._gizmos.put(name, partial(self._add_gizmo, name), **({} if name == self._held else place))
+        if self._looks.get(name) != shown.look:
+            shown.add(f"/edit/{name}")  # replaces the shape
+            self._looks[name] = shown.look
 
-            async def dragged(event: Any) -> None:  # async: viser then calls it in the order of the events
-                self._dragged(name, event)
+    def _add_gizmo(self, name: str, path: str) -> Any:
+        waypoint = name.startswith("waypoint")
+        handle = self._server.scene.add_transform_controls(
+            path,
+            scale=1.2 if waypoint else 1.7 if name.startswith("drone") else 3.2,
+            line_width=3.0,
+            active_axes=(True, False, True),
+            disable_rotations=waypoint,
+            depth_test=False,
+        )
 
-            handle.on_update(dragged)
-            self._gizmos[name] = _Gizmo(handle, shown.look, shown.add(node))
-            return
-        if gizmo.look != shown.look:
-            gizmo.shape.remove()
-            gizmo.shape, gizmo.look = shown.add(node), shown.look
-        if name != self._held:
-            gizmo.handle.position, gizmo.handle.wxyz = place, rotation
+        async def dragged(event: Any) -> None:  # async: viser then calls it in the order of the events
+            self._dragged(name, event)
+
+        handle.on_update(dragged)
+        return handle
 
     def _drop(self, name: str) -> None:
-        self._gizmos.pop(name).handle.remove()
+        self._gizmos.drop(name)
+        del self._looks[name]
         if name.startswith("drone-"):
             self._frustums.pop(int(name.removeprefix("drone-")), None)
 
