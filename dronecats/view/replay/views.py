@@ -8,7 +8,6 @@ from enum import Enum
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.view.film.chase import ChasePath, FilmStage, chase, chase_lens, obstacles_of
 from dronecats.view.film.lettering import Picture
-from episodes.world.fleet import DronePose
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
@@ -60,8 +59,9 @@ class FlightViews:
         pose = self._flight.tracks[drone].at(t_s)
         if view is RedrawnView.CHASE:
             return self._path(drone).at(t_s)
-        if view is RedrawnView.TOP:
-            return above(pose)
+        if view is RedrawnView.TOP:  # straight down, with north at the top
+            north, east, down = pose.position_ned
+            return CameraPose((north, east, down - ABOVE_M), quat_from_euler(0.0, -math.pi / 2, 0.0))
         return camera_pose(pose.position_ned, pose.attitude, self._flight.camera_at(drone, t_s))
 
     def close(self) -> None:
@@ -103,9 +103,3 @@ class ViewRenderer(NewestItemWorker[ViewRequest]):
             self._shown(request, views.picture(request.drone, request.view, request.t_s))
         except (UsageError, ImportError) as error:
             self._shown(request, str(error))
-
-
-def above(pose: DronePose) -> CameraPose:
-    """Return the pose of a camera that looks straight down at a drone, with north at the top."""
-    north, east, down = pose.position_ned
-    return CameraPose((north, east, down - ABOVE_M), quat_from_euler(0.0, -math.pi / 2, 0.0))
