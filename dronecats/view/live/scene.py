@@ -37,41 +37,26 @@ class Trail:
     """The trail of a drone: a line in pieces that grows. Only its last piece is sent again."""
 
     def __init__(self, server: viser.ViserServer, node: str, color: tuple[int, int, int]) -> None:
-        self._server, self._node, self._color = server, node, color
-        self._pieces: list[Any] = []
-        self._points: list[tuple[float, float, float]] = []  # points of the last piece
+        self.pieces, self._color = display.SceneNodes(server, node), color
+        self._points: list[Vec3] = []  # m, browser's axes
 
     def extend(self, place_ned: Vec3) -> None:
         """Extend the line to a position (m, NED), unless it is closer than STEP_M to the last point."""
         point = display.place_of(place_ned)
-        if self._points and float(np.hypot.reduce(np.subtract(point, self._points[-1]))) < STEP_M:
-            return
-        self._points.append(point)
-        if len(self._points) == 2:
-            self._pieces.append(self._piece(self._points))
-        elif len(self._points) > 2:
-            self._pieces[-1].points = _segments(self._points)
-            if len(self._points) > PIECE:
-                self._points = [point]
+        if not self._points or math.dist(point, self._points[-1]) >= STEP_M:
+            self._points.append(point)
+            self._show(max(0, len(self._points) - 2) // PIECE)
 
     def set(self, places_ned: Sequence[Vec3]) -> None:
         """Replace the line by a line through these positions (m, NED)."""
-        points = [display.place_of(place) for place in places_ned]
-        for piece in self._pieces:
-            piece.remove()
-        self._pieces = []
-        for first in range(0, max(0, len(points) - 1), PIECE):
-            self._pieces.append(self._piece(points[first : first + PIECE + 1]))
-        self._points = points[-1:]
+        self.pieces.drop(*self.pieces.names)
+        self._points = [display.place_of(place) for place in places_ned]
+        for piece in range(math.ceil((len(self._points) - 1) / PIECE)):
+            self._show(piece)
 
-    def _piece(self, points: Sequence[tuple[float, float, float]]) -> Any:
-        node = f"{self._node}/{len(self._pieces)}"
-        return display.add_lines(self._server, node, _segments(points), self._color, 3.0)
-
-
-def _segments(points: Sequence[tuple[float, float, float]]) -> Any:
-    line = np.array(points, np.float32)
-    return np.stack([line[:-1], line[1:]], axis=1)
+    def _show(self, piece: int) -> None:
+        points = np.array(self._points[piece * PIECE : (piece + 1) * PIECE + 1], np.float32)
+        self.pieces.lines(str(piece), np.stack([points[:-1], points[1:]], axis=1), self._color, 3.0)
 
 
 class FlightScene:

@@ -160,6 +160,11 @@ class SceneNodes:
         self._server, self._root = server, root
         self._nodes: dict[str, Any] = {}
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the nodes, in the order in which they were added."""
+        return tuple(self._nodes)
+
     def put(self, name: str, add: Callable[[str], Any], **properties: Any) -> Any:
         """Set properties of a node, and return it. `add(path)` adds the node if it does not exist."""
         if name not in self._nodes:

@@ -65,7 +65,7 @@ def test_after_any_jump_the_trail_leads_from_the_start_to_the_drone(page, fleet)
         assert page.idle(PATIENCE_S)
         for drone in fleet.drones:
             start, end = (fleet.moment(t).drones[drone].position_ned for t in (0.0, t_s))
-            lines = np.concatenate([piece.points for piece in page._scenes[0]._trails[drone]._pieces])
+            lines = np.concatenate([piece.points for piece in page._scenes[0]._trails[drone].pieces._nodes.values()])
             assert lines[0, 0] == pytest.approx(display.place_of(start), abs=1e-4), t_s
             assert lines[-1, 1] == pytest.approx(display.place_of(end), abs=1e-4), t_s
             assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(math.dist(start, end)), t_s
