@@ -1,7 +1,6 @@
 """Computes the state of a recorded flight at any time, and the events that the replay page can jump to."""
 
 import math
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -57,16 +56,11 @@ def occurrences(flight: RecordedFlight) -> tuple[Occurrence, ...]:
     return tuple(sorted((o for o in every if 0.0 <= o.t_s <= flight.end_s + SAME_S), key=attrgetter("t_s")))
 
 
-def following(sequence: Sequence[Occurrence], t_s: float) -> Occurrence | None:
-    """Return the first occurrence after a time; None if there is none."""
-    index = bisect_right(sequence, t_s + SAME_S, key=attrgetter("t_s"))
-    return sequence[index] if index < len(sequence) else None
-
-
-def preceding(sequence: Sequence[Occurrence], t_s: float) -> Occurrence | None:
-    """Return the last occurrence before a time; None if there is none."""
-    index = bisect_left(sequence, t_s - SAME_S, key=attrgetter("t_s"))
-    return sequence[index - 1] if index else None
+def neighbour(sequence: Sequence[Occurrence], t_s: float, ahead: bool) -> Occurrence | None:
+    """Return the first occurrence after a time (`ahead`), or the last one before it; None if there is none."""
+    if ahead:
+        return next((occurrence for occurrence in sequence if occurrence.t_s > t_s + SAME_S), None)
+    return next((occurrence for occurrence in reversed(sequence) if occurrence.t_s < t_s - SAME_S), None)
 
 
 def _decisions(logs: Logs) -> Iterator[Occurrence]:

@@ -12,7 +12,7 @@ from dronecats.view.film.lettering import Picture
 from dronecats.view.live.panels import FlightPanels
 from dronecats.view.live.scene import COLORS, FlightScene
 from dronecats.view.replay.controls import AFTER_END_S, STEP_S, Controls
-from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, check_same_episode, following, preceding
+from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, check_same_episode, neighbour
 from dronecats.view.replay.player import PlaybackClock, Player
 from dronecats.view.replay.views import RedrawnView, ViewRenderer, ViewRequest
 from dronecats.view.scene.page import LoopbackServer, by_user
@@ -121,10 +121,9 @@ class ReplayPage:
     def jump(self, kind: OccurrenceKind, ahead: bool) -> None:
         """Go to the next (`ahead`) or previous occurrence of a kind in the chosen flight, if there is one."""
         listed = self.flights[self.state.flight].of(kind)
-        find = following if ahead else preceding
 
         def there(clock: PlaybackClock, wall_s: float) -> PlaybackClock:
-            occurrence = find(listed, clock.at(wall_s))
+            occurrence = neighbour(listed, clock.at(wall_s), ahead)
             return clock if occurrence is None else clock.scrubbed(occurrence.t_s, wall_s)
 
         self.order(there)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.view.replay.moments import Occurrence, OccurrenceKind, flight_moments, following, preceding
+from dronecats.view.replay.moments import Occurrence, OccurrenceKind, flight_moments, neighbour
 from foundation.mavlink import MODES, Packer, dialect
 from foundation.run_folder import layout
 from foundation.run_folder.writing import TelemetryLog
@@ -106,8 +106,8 @@ def spliced(folder, component, message):
 
 
 @given(st.lists(st.floats(0.0, 300.0), max_size=20), st.floats(0.0, 300.0))
-def test_following_and_preceding_return_the_nearest_occurrence(times, t_s):
+def test_the_neighbour_is_the_nearest_later_or_earlier_occurrence(times, t_s):
     occurrences = [Occurrence(t, DECISION, 0, "") for t in sorted(times)]
-    ahead, back = following(occurrences, t_s), preceding(occurrences, t_s)
+    ahead, back = neighbour(occurrences, t_s, True), neighbour(occurrences, t_s, False)
     assert (ahead.t_s if ahead else None) == min((t for t in times if t > t_s + 1e-6), default=None)
     assert (back.t_s if back else None) == max((t for t in times if t < t_s - 1e-6), default=None)
