@@ -84,10 +84,6 @@ class Session:
         self.changed(self._draft, "")
         return True
 
-    def path(self) -> Path:
-        """Return the file that `save` writes."""
-        return self.folder / f"{self.record.id}.json"
-
     def save(self, replace: bool = False) -> Path:
         """Write the record as ID.json into the session's folder, and return the file.
 
@@ -97,7 +93,7 @@ class Session:
         record = self.record
         text = record.to_json()
         parse(text, f"episode '{record.id[:64]}'")  # rejects an id that is not a plain file name
-        path = self.path()
+        path = self.folder / f"{record.id}.json"
         if record.id in catalogue.all_ids() and path.resolve() != (catalogue.FOLDER / path.name).resolve():
             raise UsageError(f"'{record.id}' is the id of a shipped episode. Choose another id.")
         if path.exists() and not replace:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, lru_cache
 from operator import attrgetter, itemgetter
@@ -115,7 +115,6 @@ class FlightMoments:
     world: World | None  # None: unknown
     happened: tuple[Occurrence, ...]  # in the order of time
     missing: tuple[str, ...]  # notes on missing files or maps
-    _pictures: dict[tuple[int, int], ShownPicture] = field(default_factory=dict)
 
     @property
     def drones(self) -> tuple[int, ...]:
@@ -210,10 +209,7 @@ class FlightMoments:
             return None
         path = self.recorded.picture_path(decision)
         jpeg = _jpeg(path) if path else None
-        if jpeg is None:
-            return None
-        fresh = ShownPicture(decision.frame_id, jpeg, decision.t_frame)
-        return self._pictures.setdefault((decision.drone, decision.frame_id), fresh)
+        return None if jpeg is None else ShownPicture(decision.frame_id, jpeg, decision.t_frame)
 
     def _sight(self, decision: Decision | None) -> ChosenSight | None:
         """Return the ray to the point of a `go` action; None for other decisions."""
