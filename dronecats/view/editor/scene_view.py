@@ -17,7 +17,7 @@ from dronecats.view.scene import display
 from episodes.authoring.check.finding import DEFAULT_RULES, RULES
 from episodes.maps.scene import Mesh
 from episodes.world.target import motion
-from foundation.frames import Vec3
+from foundation.frames import Vec3, vec3
 from foundation.protocol import RADIUS_M
 from foundation.run_folder.rows import drone_label
 
@@ -66,9 +66,8 @@ class SceneView:
         eye = here[:2] + back * 0.42 * span + aside * 0.38 * span
         view = self._server.initial_camera
         view.up = (0.0, 1.0, 0.0)
-        view.position = display.place_of((float(eye[0]), float(eye[1]), float(here[2]) - 0.42 * span - 2.0))
-        middle = goal * 0.62 + here * 0.38
-        view.look_at = display.place_of((float(middle[0]), float(middle[1]), float(middle[2])))
+        view.position = display.place_of(vec3((*eye, here[2] - 0.42 * span - 2.0)))
+        view.look_at = display.place_of(vec3(goal * 0.62 + here * 0.38))
 
     def show(self, draft: Draft) -> None:
         """Show a draft. The dragged object keeps its place in the browser."""

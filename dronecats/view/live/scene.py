@@ -14,7 +14,7 @@ from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPi
 from dronecats.view.scene import display
 from episodes.maps.scene import Mesh, Moved, Scene, Sun
 from foundation.camera import CameraModel
-from foundation.frames import Vec3, quat_yaw
+from foundation.frames import Vec3, quat_yaw, vec3
 from foundation.protocol import RADIUS_M
 from foundation.run_folder.rows import drone_label
 from foundation.terrain import FLAT
@@ -105,10 +105,9 @@ class FlightScene:
         self._trails = [Trail(server, f"{self._root}/trail-{k}", shade) for k, shade in enumerate(shades)]
 
     @property
-    def offset(self) -> tuple[float, float, float]:
+    def offset(self) -> Vec3:
         """The displacement of the world that keeps a followed drone in place (m, browser's axes)."""
-        x, y, z = (float(v) for v in self._world.position)
-        return (x, y, z)
+        return vec3(self._world.position)
 
     def show(self, moment: Moment) -> None:
         with self._server.atomic():

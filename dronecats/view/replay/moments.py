@@ -18,7 +18,7 @@ from dronecats.view.live.moment import ChosenSight, DroneMoment, JudgeMoment, Mo
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
 from foundation.errors import UsageError
-from foundation.frames import Vec3
+from foundation.frames import Vec3, vec3
 from foundation.run_folder import layout
 from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.reading import Logs, episode_folder, rows
@@ -136,7 +136,7 @@ class FlightMoments:
     def way(self, drone: int, t_s: float, every_s: float) -> list[Vec3]:
         """Return the positions of a drone (m, NED) from 0 to `t_s`, in time steps of `every_s` (s)."""
         places = self.recorded.tracks[drone].positions(np.append(np.arange(0.0, t_s, every_s), t_s))
-        return [(float(north), float(east), float(down)) for north, east, down in places]
+        return [vec3(place) for place in places]
 
     def moment(self, t_s: float) -> Moment:
         """Return the moment at a time. A time outside of the flight counts as its start or end."""
@@ -199,10 +199,7 @@ class FlightMoments:
 
     def _own_velocity(self, drone: int, t_s: float) -> Vec3 | None:
         track = self.recorded.estimated_tracks.get(drone)
-        if track is None:
-            return None
-        north, east, down = map(float, track.velocity_ned[track.newest(t_s)])
-        return (north, east, down)
+        return None if track is None else vec3(track.velocity_ned[track.newest(t_s)])
 
     def _picture(self, decision: Decision | None) -> ShownPicture | None:
         if decision is None or not self.recorded.run.is_rendered:

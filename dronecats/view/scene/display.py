@@ -21,7 +21,7 @@ from episodes.maps.gltf.writer import to_bytes
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun, turn
 from episodes.world.rays import NOTHING, RayScene
 from foundation.camera import CameraModel
-from foundation.frames import Quat, Vec3, quat_multiply
+from foundation.frames import Quat, Vec3, quat_multiply, vec3
 from foundation.terrain import FLAT, HeightField
 
 SKY_TOP, SKY_BOTTOM = (150, 188, 226), (233, 240, 245)
@@ -57,16 +57,14 @@ DRONE_SCALE = 1.8  # drones are drawn larger than they are, to be visible on a m
 DRONE_M = 0.25  # m, from the centre of the drone's mesh to the centre of a rotor
 
 
-def place_of(position_ned: Vec3) -> tuple[float, float, float]:
+def place_of(position_ned: Vec3) -> Vec3:
     """Convert a position (m, NED) to the browser's axes."""
-    x, y, z = to_gltf(np.array(position_ned, np.float64))
-    return (float(x), float(y), float(z))
+    return vec3(to_gltf(np.array(position_ned, np.float64)))
 
 
 def ned_of(position: tuple[float, float, float] | Array) -> Vec3:
     """Convert a position in the browser's axes to NED, m."""
-    n, e, d = from_gltf(np.array(position, np.float64))
-    return (float(n), float(e), float(d))
+    return vec3(from_gltf(np.array(position, np.float64)))
 
 
 def wxyz_of(rotation: float | Quat) -> Quat:
@@ -213,8 +211,8 @@ class Picker:
         hits = self._scene.first_hits(np.array([origin], np.float32), way[None].astype(np.float32))
         if hits.triangle[0] == NOTHING:
             return None
-        n, e, d = np.array(origin) + way * float(hits.distance[0])
-        return (float(n), float(e), float(d)), self._instances[self._owner[hits.triangle[0]]]
+        place = vec3(np.array(origin) + way * float(hits.distance[0]))
+        return place, self._instances[self._owner[hits.triangle[0]]]
 
 
 def _placed(instance: Instance, row: int) -> Mesh:
