@@ -165,8 +165,7 @@ def caption_bar(
     write(picture, title, (left, low), small, GREY)
     if any(track.level for track in flight.tracks.values()):
         write(picture, "drawn level, because no attitude was recorded", (round(0.55 * width), low), small, GREY)
-    deciding = flight.verdict.deciding
-    if over or (deciding is not None and t >= deciding.t):
+    if over or is_decided(flight, t):
         words, color = verdict_words(flight)
         beside = left + width_px(title, small) < right - width_px(words, middle, True) - middle
         above = height - round(2.1 * middle) if beside else low - round(1.4 * middle)
@@ -185,6 +184,12 @@ def action_words(flight: RecordedFlight, drone: int, t: float) -> tuple[str, Ink
     color = {True: GREEN, False: RED, None: YELLOW}[good]
     rejected = f" · not within {flight.delta_m:g} m and in view" if good is False else ""
     return f"step {decision.step}   {describe(decision)}{rejected}", color
+
+
+def is_decided(flight: RecordedFlight, t: float) -> bool:
+    """Return whether the declaration that decides the verdict was made at or before a time."""
+    deciding = flight.verdict.deciding
+    return deciding is not None and t >= deciding.t
 
 
 def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
