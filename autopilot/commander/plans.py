@@ -11,7 +11,7 @@ numbers.
 import json
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -104,20 +104,26 @@ def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[f
     return (north, east)
 
 
-def local_place(item: PlanItem, state: EstimatedState, home: Home | None) -> Vec3:
-    """Return the item's local position (m, NED).
+def local_position(
+    state: EstimatedState, home: Home | None, lat_deg: float, lon_deg: float, alt_m: float, *, above_home: bool
+) -> Vec3:
+    """Return a place as a local position (m, NED). `above_home`: the altitude is above home, not above sea level.
 
-    A coordinate is nan if the item does not give it, or gives a height above home while home is unknown. In a frame
-    that is not global, all are nan.
+    A coordinate is nan if it is not given, or if the altitude is above home while home is unknown.
     """
+    north, east = horizontal(lat_deg, lon_deg, state)
+    if not abs(alt_m) < 1e5:
+        return (north, east, math.nan)
+    if above_home:
+        return (north, east, home.position_ned[2] - alt_m if home is not None else math.nan)
+    return (north, east, state.origin_alt_m - alt_m)
+
+
+def local_place(item: PlanItem, state: EstimatedState, home: Home | None) -> Vec3:
+    """Return the item's `local_position`; all nan in a frame that is not global."""
     if item.frame not in GLOBAL_FRAMES:
         return (math.nan, math.nan, math.nan)
-    north, east = horizontal(item.lat_deg, item.lon_deg, state)
-    if not abs(item.z) < 1e5:
-        return (north, east, math.nan)
-    if item.frame in ABOVE_HOME:
-        return (north, east, home.position_ned[2] - item.z if home is not None else math.nan)
-    return (north, east, state.origin_alt_m - item.z)
+    return local_position(state, home, item.lat_deg, item.lon_deg, item.z, above_home=item.frame in ABOVE_HOME)
 
 
 RETURN_POINT = int(dialect.MAV_CMD_NAV_FENCE_RETURN_POINT)
@@ -402,10 +408,7 @@ class Plans:
 def _entry(item: PlanItem) -> dict[str, Any]:
     """Return an item for the file. Numbers that JSON lacks (nan) become texts."""
     numbers = [value if abs(value) < float("inf") else str(value) for value in (*item.p, item.z)]
-    return {
-        "command": item.command, "frame": item.frame, "p": numbers[:4], "x": item.x, "y": item.y, "z": numbers[4],
-        "autocontinue": item.autocontinue,
-    }  # fmt: skip
+    return {**asdict(item), "p": numbers[:4], "z": numbers[4]}
 
 
 def _bits(items: tuple[PlanItem, ...]) -> str:

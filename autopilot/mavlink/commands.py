@@ -9,11 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from autopilot.commander.health import EXTERNAL_MODES
+from autopilot.commander.plans import ABOVE_HOME, local_position
 from autopilot.mavlink import mission
 from autopilot.mavlink.gimbal import DEVICE
 from autopilot.mavlink.node import BY_ID, BY_NAME, COMPONENT_ID, Node, Port
 from autopilot.mavlink.status_makers import Message, standard_mode
-from foundation.frames import Vec3, geodetic_to_ned
+from foundation.frames import Vec3
 from foundation.mavlink import MODES, dialect
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
@@ -22,7 +23,6 @@ UNSUPPORTED = dialect.MAV_RESULT_UNSUPPORTED
 FORCE_MAGIC = 21196  # param2 of a forced arming or disarming
 INT32_UNKNOWN = (1 << 31) - 1
 NAN = math.nan
-RELATIVE_FRAMES = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 LOCAL_FRAMES = frozenset({dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_LOCAL_OFFSET_NED})
 BROADCAST = frozenset({dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES})
 GIMBAL_MESSAGES = frozenset(stream.message_id for stream in BY_ID.values() if stream.name.startswith("GIMBAL_"))
@@ -103,7 +103,7 @@ class Command:
     id: int
     p: tuple[float, float, float, float, float, float, float]
     frame: int
-    source: tuple[int, int] = (0, 0)  # system and component that sent it
+    source: tuple[int, int]  # system and component that sent it
 
     def number(self, i: int) -> int | None:
         """Return param i (1 … 7) as an integer; None if it is nan or too large."""
@@ -142,20 +142,19 @@ def _run(node: Node, port: Port, message: Message, command: Command) -> None:
         handler = HANDLERS.get(command.id)
         result = handler(node, port, command) if handler is not None else UNSUPPORTED
     if result is not None:
-        _acknowledge(port, message, command, result)
+        _acknowledge(port, command, result)
 
 
-def _acknowledge(port: Port, message: Message, command: Command, result: int) -> None:
-    client = message.get_srcSystem(), message.get_srcComponent()
-    port.send(dialect.MAVLink_command_ack_message(command.id, result, 0, 0, *client))
+def _acknowledge(port: Port, command: Command, result: int) -> None:
+    port.send(dialect.MAVLink_command_ack_message(command.id, result, 0, 0, *command.source))
 
 
 def set_mode_message(node: Node, port: Port, message: Message) -> None:
     """Act on the old message SET_MODE. As in PX4, it is executed and acknowledged as the command DO_SET_MODE."""
     main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
     parameters = (float(message.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
-    command = Command(dialect.MAV_CMD_DO_SET_MODE, parameters, dialect.MAV_FRAME_GLOBAL)
-    _acknowledge(port, message, command, _do_set_mode(node, port, command))
+    command = Command(dialect.MAV_CMD_DO_SET_MODE, parameters, dialect.MAV_FRAME_GLOBAL, _source(message))
+    _acknowledge(port, command, _do_set_mode(node, port, command))
 
 
 def _do_set_mode(node: Node, port: Port, c: Command) -> int:
@@ -197,13 +196,6 @@ def _arm_disarm(node: Node, port: Port, c: Command) -> int | None:
     return commander.arm(force) if wish else commander.disarm(force)
 
 
-def _mode(name: str) -> CommandHandler:
-    def handler(node: Node, port: Port, c: Command) -> int:
-        return node.vehicle.commander.set_mode(name)
-
-    return handler
-
-
 def _takeoff(node: Node, port: Port, c: Command) -> int:
     state = node.vehicle.state
     z = state.origin_alt_m - c.p[6] if state.origin_set and abs(c.p[6]) < 1e5 else NAN
@@ -213,18 +205,13 @@ def _takeoff(node: Node, port: Port, c: Command) -> int:
 def _place(node: Node, c: Command, relative: bool) -> Vec3:
     """Return params 5 to 7 as a local position (m, NED); nan if not given.
 
-    With `relative`, an altitude in RELATIVE_FRAMES is above home. All other altitudes are above sea level.
+    With `relative`, an altitude in a frame of ABOVE_HOME is above home. All other altitudes are above sea level.
     """
-    state, home = node.vehicle.state, node.vehicle.commander.flight.home
-    _, _, _, _, lat, lon, alt = c.p
-    north = east = NAN
-    if abs(lat) <= 90.0 and abs(lon) <= 180.0:
-        north, east, _ = geodetic_to_ned(state.origin_lat_deg, state.origin_lon_deg, 0.0, lat, lon, 0.0)
-    if not abs(alt) < 1e5:
-        return (north, east, NAN)
-    if relative and c.frame in RELATIVE_FRAMES:
-        return (north, east, home.position_ned[2] - alt if home is not None else NAN)
-    return (north, east, state.origin_alt_m - alt)
+    vehicle, (lat, lon, alt) = node.vehicle, c.p[4:]
+    if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
+        lat = lon = NAN
+    above_home = relative and c.frame in ABOVE_HOME
+    return local_position(vehicle.state, vehicle.commander.flight.home, lat, lon, alt, above_home=above_home)
 
 
 def _reposition(node: Node, port: Port, c: Command) -> int:
@@ -260,11 +247,6 @@ def _set_home(node: Node, port: Port, c: Command) -> int:
         node.forget_telemetry()
         for other_port in node.ports:
             other_port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
-    return int(ACCEPTED)
-
-
-def _get_home(node: Node, port: Port, c: Command) -> int:
-    port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
     return int(ACCEPTED)
 
 
@@ -354,8 +336,8 @@ def _point_gimbal(node: Node, port: Port, c: Command) -> int:
 HANDLERS: dict[int, CommandHandler] = {
     dialect.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: _configure_gimbal,
     dialect.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: _point_gimbal,
-    dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: _mode("RETURN"),
-    dialect.MAV_CMD_NAV_LAND: _mode("LAND"),
+    dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda node, port, c: node.vehicle.commander.set_mode("RETURN"),
+    dialect.MAV_CMD_NAV_LAND: lambda node, port, c: node.vehicle.commander.set_mode("LAND"),
     dialect.MAV_CMD_NAV_TAKEOFF: _takeoff,
     dialect.MAV_CMD_DO_ORBIT: _orbit,
     dialect.MAV_CMD_DO_SET_MODE: _do_set_mode,
@@ -369,7 +351,7 @@ HANDLERS: dict[int, CommandHandler] = {
     dialect.MAV_CMD_DO_SET_MISSION_CURRENT: _set_current_item,
     dialect.MAV_CMD_COMPONENT_ARM_DISARM: _arm_disarm,
     dialect.MAV_CMD_RUN_PREARM_CHECKS: _run_prearm_checks,
-    dialect.MAV_CMD_GET_HOME_POSITION: _get_home,
+    dialect.MAV_CMD_GET_HOME_POSITION: lambda node, port, c: send_one(port, "HOME_POSITION"),
     dialect.MAV_CMD_INJECT_FAILURE: _inject_failure,
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL: lambda node, port, c: set_message_interval(port, c.p),
     dialect.MAV_CMD_GET_MESSAGE_INTERVAL: lambda node, port, c: get_message_interval(port, c.p),

@@ -123,7 +123,7 @@ def _answer(server: Server, wish: FileRequest) -> bytes:
             raise Refusal(UNKNOWN_COMMAND)
         if wish.opcode in OPENING:
             server.sessions.make_room(server.now_us)
-        data = handler(server, wish)
+        data = handler(server, wish) or b""
     except (Refusal, OSError, ValueError) as reason:
         return _pack(wish, NAK, _refusal(reason))
     return _pack(wish, ACK, data, session=server.opened)
@@ -154,14 +154,9 @@ def _open_to_read(server: Server, wish: FileRequest) -> bytes:
     return struct.pack("<I", min(size, 0xFFFFFFFF))
 
 
-def _create(server: Server, wish: FileRequest) -> bytes:
-    _open(server, wish, server.tree.open_to_write(wish.name, empty=True), writable=True)
-    return b""
-
-
-def _open_to_write(server: Server, wish: FileRequest) -> bytes:
-    _open(server, wish, server.tree.open_to_write(wish.name, empty=False), writable=True)
-    return b""
+def _open_to_write(server: Server, wish: FileRequest) -> None:
+    file = server.tree.open_to_write(wish.name, empty=wish.opcode == CREATE)
+    _open(server, wish, file, writable=True)
 
 
 def _read(server: Server, wish: FileRequest) -> bytes:
@@ -175,14 +170,13 @@ def _read(server: Server, wish: FileRequest) -> bytes:
     return data
 
 
-def _write(server: Server, wish: FileRequest) -> bytes:
+def _write(server: Server, wish: FileRequest) -> None:
     session = server.sessions.get(server.client, wish.session, server.now_us)
     if not session.writable or wish.offset + wish.size > LARGEST:
         raise Refusal(FAIL)
     session.file.seek(wish.offset)
     session.file.write(wish.data)
     session.file.flush()
-    return b""
 
 
 def _list(server: Server, wish: FileRequest) -> bytes:
@@ -206,56 +200,28 @@ def _line(entry: Entry, with_time: bool) -> bytes:
     return line if len(line) <= DATA else b"S\0"  # S: a skipped entry, which counts as a line
 
 
-def _terminate(server: Server, wish: FileRequest) -> bytes:
-    server.sessions.close(server.client, wish.session)
-    return b""
-
-
-def _reset(server: Server, wish: FileRequest) -> bytes:
-    server.sessions.reset(server.client)
-    return b""
-
-
-def _truncate(server: Server, wish: FileRequest) -> bytes:
-    server.tree.truncate(wish.name, wish.offset)
-    return b""
-
-
-def _rename(server: Server, wish: FileRequest) -> bytes:
+def _rename(server: Server, wish: FileRequest) -> None:
     old, _, rest = wish.data.partition(b"\0")
     server.tree.rename(old, rest.partition(b"\0")[0])
-    return b""
 
 
-def _checksum(server: Server, wish: FileRequest) -> bytes:
-    return struct.pack("<I", server.tree.checksum(wish.name))
-
-
-def _on_name(change: Callable[[FileTree, bytes], None]) -> "RequestHandler":
-    def handler(server: Server, wish: FileRequest) -> bytes:
-        change(server.tree, wish.name)
-        return b""
-
-    return handler
-
-
-RequestHandler = Callable[[Server, FileRequest], bytes]
+RequestHandler = Callable[[Server, FileRequest], bytes | None]  # returns the data of the ACK; None: no data
 HANDLERS: dict[int, RequestHandler] = {
-    NONE: lambda server, wish: b"",
-    TERMINATE_SESSION: _terminate,
-    RESET_SESSIONS: _reset,
+    NONE: lambda server, wish: None,
+    TERMINATE_SESSION: lambda server, wish: server.sessions.close(server.client, wish.session),
+    RESET_SESSIONS: lambda server, wish: server.sessions.reset(server.client),
     LIST_DIRECTORY: _list,
     OPEN_TO_READ: _open_to_read,
     READ: _read,
-    CREATE: _create,
+    CREATE: _open_to_write,
     WRITE: _write,
-    REMOVE_FILE: _on_name(FileTree.remove_file),
-    MAKE_FOLDER: _on_name(FileTree.make_folder),
-    REMOVE_FOLDER: _on_name(FileTree.remove_folder),
+    REMOVE_FILE: lambda server, wish: server.tree.remove_file(wish.name),
+    MAKE_FOLDER: lambda server, wish: server.tree.make_folder(wish.name),
+    REMOVE_FOLDER: lambda server, wish: server.tree.remove_folder(wish.name),
     OPEN_TO_WRITE: _open_to_write,
-    TRUNCATE: _truncate,
+    TRUNCATE: lambda server, wish: server.tree.truncate(wish.name, wish.offset),
     RENAME: _rename,
-    CHECKSUM: _checksum,
+    CHECKSUM: lambda server, wish: struct.pack("<I", server.tree.checksum(wish.name)),
     LIST_DIRECTORY_WITH_TIME: _list,
 }
 
