@@ -83,14 +83,15 @@ class LogDirectory:
 
         PX4's SDLOG_DIRS_MAX, which gives `limit`, counts folders. Here it counts logs, because all are in one folder.
         """
-        for log in self.logs()[: 1 - limit or None] if limit > 0 else ():
-            if log.path != self.active:
-                with contextlib.suppress(OSError):
-                    log.path.unlink()
+        if limit > 0:
+            self._remove(self.logs()[: 1 - limit or None])
 
     def erase(self) -> None:
         """Remove every log except the one being written. Files that the disk does not remove stay."""
-        for log in self.logs():
+        self._remove(self.logs())
+
+    def _remove(self, logs: list[LogFile]) -> None:
+        for log in logs:
             if log.path != self.active:
                 with contextlib.suppress(OSError):
                     log.path.unlink()
@@ -139,7 +140,7 @@ class FlightLogWriter:
             Readings(vehicle.state.sensors),
             Readings(vehicle.actuators) if vehicle.actuators is not None else None,
         )
-        self._logged = [_Logged(topic, _packer(i, topic)) for i, topic in enumerate(TABLE)]
+        self._logged = [_Logged(topic, ulog.DataPacker(i, topic.fields)) for i, topic in enumerate(TABLE)]
         self._groups = [
             _Group(round(1e6 / rate), 0, [x for x in self._logged if x.topic.rate_hz == rate])
             for rate in sorted({topic.rate_hz for topic in TABLE}, reverse=True)
@@ -223,7 +224,7 @@ class FlightLogWriter:
     def _definitions(self) -> Iterator[bytes]:
         vehicle = self._vehicle
         for topic in TABLE:
-            yield ulog.definition(topic.name, f"uint64_t timestamp;{topic.fields}")
+            yield ulog.definition(topic.name, topic.fields)
         yield ulog.information("sys_name", SYSTEM)
         yield ulog.information("ver_hw", vehicle.airframe.name)
         yield ulog.information("ver_sw_release", FLIGHT_SW_VERSION)
@@ -298,7 +299,3 @@ class FlightLogWriter:
             with contextlib.suppress(OSError):  # remove a message that was written only in part
                 os.ftruncate(self._file, self._size)
                 os.lseek(self._file, self._size, os.SEEK_SET)
-
-
-def _packer(number: int, topic: Topic) -> ulog.DataPacker:
-    return ulog.DataPacker(number, f"uint64_t timestamp;{topic.fields}")

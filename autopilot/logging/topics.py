@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.mavlink.motion_makers import estimator_flags
 from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
@@ -62,46 +63,34 @@ class Sources:
     sensors: Readings
     actuators: Readings | None
 
+    @property
+    def state(self) -> EstimatedState:
+        return self.vehicle.state
+
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One topic of the log. `fields` omits the first field of every topic, `uint64_t timestamp` (vehicle time, µs)."""
+    """One topic of the log. `own_fields` omits the first field of every topic, the timestamp (vehicle time, µs)."""
 
     name: str
     rate_hz: float
-    fields: str
+    own_fields: str
     values: Callable[[Sources], tuple[Any, ...] | None]  # None: no values now
     stamp: str | None = None  # SENSORS field with the time of the sample; only new samples are logged
 
-
-def _attitude(s: Sources) -> tuple[Any, ...] | None:
-    v = s.vehicle.state
-    return (v.time_us, *v.attitude) if v.attitude_valid else None
-
-
-def _angular_velocity(s: Sources) -> tuple[Any, ...]:
-    v = s.vehicle.state
-    return (v.time_us, *v.rates_frd)
+    @property
+    def fields(self) -> str:
+        return f"uint64_t timestamp;{self.own_fields}"
 
 
 def _attitude_setpoint(s: Sources) -> tuple[Any, ...]:
-    v = s.vehicle.state
+    v = s.state
     yaw_rate = s.vehicle.commander.passed.yaw_rate
     return (yaw_rate if math.isfinite(yaw_rate) else 0.0, *v.attitude_setpoint, 0.0, 0.0, -v.thrust_setpoint)
 
 
-def _rates_setpoint(s: Sources) -> tuple[Any, ...]:
-    v = s.vehicle.state
-    return (*v.rates_setpoint, 0.0, 0.0, -v.thrust_setpoint)
-
-
-def _sensor_combined(s: Sources) -> tuple[Any, ...]:
-    r = s.sensors
-    return (*r.gyro_frd, 0, *r.accel_frd)
-
-
 def _local_position(s: Sources) -> tuple[Any, ...]:
-    v = s.vehicle.state
+    v = s.state
     ax, ay, az = rotate(v.attitude, v.accel_frd)
     distance = v.range_m()
     return (
@@ -120,7 +109,7 @@ def _trajectory(s: Sources) -> tuple[Any, ...] | None:
 
 
 def _local_position_setpoint(s: Sources) -> tuple[Any, ...] | None:
-    d, v = s.vehicle.commander.passed, s.vehicle.state
+    d, v = s.vehicle.commander.passed, s.state
     if d.kind != KIND_TRAJECTORY:
         return None
     thrust = rotate(v.attitude_setpoint, (0.0, 0.0, -v.thrust_setpoint))
@@ -128,7 +117,7 @@ def _local_position_setpoint(s: Sources) -> tuple[Any, ...] | None:
 
 
 def _global_position(s: Sources) -> tuple[Any, ...] | None:
-    v = s.vehicle.state
+    v = s.state
     if not v.global_valid:
         return None
     return (v.time_us, *v.geodetic(v.position_ned), v.position_std_h, v.position_std_v)
@@ -148,10 +137,6 @@ def _air_data(s: Sources) -> tuple[Any, ...]:
     pressure = max(r.pressure_hpa, 1.0)
     density = pressure * 100.0 / (287.05 * (r.temperature_c + 273.15))
     return (r.baro_time_us, pressure_altitude(pressure), r.temperature_c, r.pressure_hpa * 100.0, density)
-
-
-def _magnetometer(s: Sources) -> tuple[Any, ...]:
-    return (s.sensors.mag_time_us, *s.sensors.mag_frd)
 
 
 def _distance(s: Sources) -> tuple[Any, ...]:
@@ -174,7 +159,7 @@ def _motors(s: Sources) -> tuple[Any, ...] | None:
         return None
     count = len(s.vehicle.airframe.rotors)
     shown = a.command[:count] if a.armed else (NAN,) * count  # NaN: stopped
-    return (s.vehicle.state.time_us, 0, *shown, *(NAN,) * (12 - count))
+    return (s.state.time_us, 0, *shown, *(NAN,) * (12 - count))
 
 
 def _outputs(s: Sources) -> tuple[Any, ...] | None:
@@ -201,33 +186,12 @@ def _land(s: Sources) -> tuple[Any, ...]:
 
 
 def _estimator(s: Sources) -> tuple[Any, ...]:
-    v = s.vehicle.state
+    v = s.state
     return (
         v.time_us, v.position_std_h, v.position_std_v, v.innovation_over_gate(HEADING_TEST),
         v.innovation_over_gate(VELOCITY_TEST, 3), v.innovation_over_gate(POSITION_TEST, 2),
-        v.innovation_over_gate(HEIGHT_TEST), estimator_flags(s.vehicle.state), 0,
+        v.innovation_over_gate(HEIGHT_TEST), estimator_flags(v), 0,
     )  # fmt: skip
-
-
-def _innovations(s: Sources) -> tuple[Any, ...]:
-    return (s.vehicle.state.time_us, *s.vehicle.state.innovation)
-
-
-def _innovation_variances(s: Sources) -> tuple[Any, ...]:
-    return (s.vehicle.state.time_us, *s.vehicle.state.innovation_variance)
-
-
-def _innovation_test_ratios(s: Sources) -> tuple[Any, ...]:
-    return (s.vehicle.state.time_us, *s.vehicle.state.test_ratio)
-
-
-def _bias(s: Sources) -> tuple[Any, ...]:
-    v = s.vehicle.state
-    return (v.time_us, *v.gyro_bias, *v.accel_bias)
-
-
-def _hover_thrust(s: Sources) -> tuple[Any, ...]:
-    return (s.vehicle.state.time_us, s.vehicle.state.hover_thrust, True)
 
 
 def _home(s: Sources) -> tuple[Any, ...] | None:
@@ -240,16 +204,22 @@ def _home(s: Sources) -> tuple[Any, ...] | None:
 _SAMPLE = "uint64_t timestamp_sample;"
 _INNOVATIONS = _SAMPLE + "float[2] gps_hvel;float gps_vvel;float[2] gps_hpos;float baro_vpos;float heading"
 TABLE: tuple[Topic, ...] = (
-    Topic("vehicle_attitude", 50, _SAMPLE + "float[4] q", _attitude),
-    Topic("vehicle_angular_velocity", 50, _SAMPLE + "float[3] xyz", _angular_velocity),
-    Topic("vehicle_rates_setpoint", 50, "float roll;float pitch;float yaw;float[3] thrust_body", _rates_setpoint),
+    Topic(
+        "vehicle_attitude", 50, _SAMPLE + "float[4] q",
+        lambda s: (s.state.time_us, *s.state.attitude) if s.state.attitude_valid else None,
+    ),
+    Topic("vehicle_angular_velocity", 50, _SAMPLE + "float[3] xyz", lambda s: (s.state.time_us, *s.state.rates_frd)),
+    Topic(
+        "vehicle_rates_setpoint", 50, "float roll;float pitch;float yaw;float[3] thrust_body",
+        lambda s: (*s.state.rates_setpoint, 0.0, 0.0, -s.state.thrust_setpoint),
+    ),
     Topic(
         "vehicle_attitude_setpoint", 50, "float yaw_sp_move_rate;float[4] q_d;float[3] thrust_body", _attitude_setpoint
     ),
     Topic(
         "sensor_combined", 50,
         "float[3] gyro_rad;int32_t accelerometer_timestamp_relative;float[3] accelerometer_m_s2",
-        _sensor_combined, "imu_time_us",
+        lambda s: (*s.sensors.gyro_frd, 0, *s.sensors.accel_frd), "imu_time_us",
     ),
     Topic(
         "vehicle_local_position", 25,
@@ -287,7 +257,10 @@ TABLE: tuple[Topic, ...] = (
         _SAMPLE + "float baro_alt_meter;float baro_temp_celcius;float baro_pressure_pa;float rho",
         _air_data, "baro_time_us",
     ),
-    Topic("vehicle_magnetometer", 10, _SAMPLE + "float[3] magnetometer_ga", _magnetometer, "mag_time_us"),
+    Topic(
+        "vehicle_magnetometer", 10, _SAMPLE + "float[3] magnetometer_ga",
+        lambda s: (s.sensors.mag_time_us, *s.sensors.mag_frd), "mag_time_us",
+    ),
     Topic(
         "distance_sensor", 10,
         "float min_distance;float max_distance;float current_distance;int8_t signal_quality;uint8_t type;"
@@ -306,11 +279,20 @@ TABLE: tuple[Topic, ...] = (
         "float pos_test_ratio;float hgt_test_ratio;uint16_t solution_status_flags;uint32_t filter_fault_flags",
         _estimator,
     ),
-    Topic("estimator_innovations", 10, _INNOVATIONS, _innovations),
-    Topic("estimator_innovation_variances", 10, _INNOVATIONS, _innovation_variances),
-    Topic("estimator_innovation_test_ratios", 10, _INNOVATIONS, _innovation_test_ratios),
-    Topic("estimator_sensor_bias", 1, _SAMPLE + "float[3] gyro_bias;float[3] accel_bias", _bias),
-    Topic("hover_thrust_estimate", 1, _SAMPLE + "float hover_thrust;bool valid", _hover_thrust),
+    Topic("estimator_innovations", 10, _INNOVATIONS, lambda s: (s.state.time_us, *s.state.innovation)),
+    Topic(
+        "estimator_innovation_variances", 10, _INNOVATIONS,
+        lambda s: (s.state.time_us, *s.state.innovation_variance),
+    ),
+    Topic("estimator_innovation_test_ratios", 10, _INNOVATIONS, lambda s: (s.state.time_us, *s.state.test_ratio)),
+    Topic(
+        "estimator_sensor_bias", 1, _SAMPLE + "float[3] gyro_bias;float[3] accel_bias",
+        lambda s: (s.state.time_us, *s.state.gyro_bias, *s.state.accel_bias),
+    ),
+    Topic(
+        "hover_thrust_estimate", 1, _SAMPLE + "float hover_thrust;bool valid",
+        lambda s: (s.state.time_us, s.state.hover_thrust, True),
+    ),
     Topic(
         "home_position", 1,
         "double lat;double lon;float alt;float x;float y;float z;float yaw;bool valid_alt;bool valid_hpos;"
