@@ -79,14 +79,8 @@ class FlightCore:
     figures.
     """
 
-    def __init__(
-        self, airframe: Airframe, *, declination_rad: float = 0.0558, overrides: dict[str, float] | None = None
-    ) -> None:
-        """Design the gains of `airframe`. `declination_rad` (east positive) is the local magnetic declination.
-
-        `overrides` has values of PX4 parameters that replace the defaults. Raises UsageError for an airframe that
-        cannot be controlled or a parameter that does not exist.
-        """
+    def __init__(self, airframe: Airframe) -> None:
+        """Design the gains of `airframe`. Raises UsageError if it cannot be controlled."""
         self.airframe = airframe
         self.gains = design(airframe)
         self.params = gains.default_parameters(self.gains, allocation(airframe), len(airframe.rotors))
@@ -94,7 +88,7 @@ class FlightCore:
         self.state["attitude_setpoint"] = (1.0, 0.0, 0.0, 0.0)
         self.state["torque_scale"] = 1.0
         self.state["hover_thrust"] = self.params["hover_thrust"]
-        self.filter_params = records.default_parameters(declination_rad)
+        self.filter_params = records.default_parameters()
         self.filter_state = records.initial_state()
         self.covariance = np.zeros((STATES, STATES))
         self.history = np.zeros((HISTORY, 7))
@@ -102,8 +96,6 @@ class FlightCore:
         self.estimate = np.zeros(1, ESTIMATE)[0]
         self.estimate["attitude"] = (1.0, 0.0, 0.0, 0.0)
         self._defaults = {name: gains.read(self.params, name) for name in gains.GAINS}
-        for name, value in (overrides or {}).items():
-            self.set_parameter(name, value)
 
     def kernel_args(self, sensors: np.void, actuators: np.void) -> CoreArguments:
         """Return the arguments of `update` for these SENSORS and ACTUATORS records."""
@@ -117,10 +109,6 @@ class FlightCore:
     def parameter_defaults(self) -> dict[str, float]:
         """Return every PX4 parameter of the core with its default for this airframe, in PX4's units."""
         return dict(self._defaults)
-
-    def get_parameter(self, name: str) -> float:
-        """Return the present value in PX4's unit. Raises UsageError for a parameter that the core does not have."""
-        return gains.read(self.params, name)
 
     def set_parameter(self, name: str, value: float) -> float:
         """Set a PX4 parameter, at any time; return the value that is set: `value` limited to the parameter's range.

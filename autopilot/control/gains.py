@@ -105,6 +105,7 @@ class GainField:
     factor: float = 1.0  # from PX4's unit to the record's
     least: float = 0.0  # smallest allowed value, in PX4's unit
     most: float = math.inf  # largest allowed value, in PX4's unit
+    default: float | None = None  # in PX4's unit; None: the airframe's design gives the value
 
 
 _DEG = math.radians(1.0)
@@ -118,28 +119,28 @@ GAINS: dict[str, GainField] = {
     "MPC_Z_VEL_P_ACC": GainField("velocity_p", (2,), most=15.0),
     "MPC_Z_VEL_I_ACC": GainField("velocity_i", (2,), most=10.0),
     "MPC_Z_VEL_D_ACC": GainField("velocity_d", (2,), most=2.0),
-    "MPC_XY_VEL_MAX": GainField("speed_max_horizontal", most=30.0),
-    "MPC_Z_VEL_MAX_UP": GainField("speed_max_up", least=0.1, most=15.0),
-    "MPC_Z_VEL_MAX_DN": GainField("speed_max_down", least=0.1, most=15.0),
-    "MPC_ACC_HOR": GainField("acceleration_horizontal", least=0.5, most=15.0),
-    "MPC_ACC_HOR_MAX": GainField("acceleration_horizontal_max", least=0.5, most=15.0),
-    "MPC_ACC_UP_MAX": GainField("acceleration_up", least=0.5, most=15.0),
-    "MPC_ACC_DOWN_MAX": GainField("acceleration_down", least=0.5, most=15.0),
-    "MPC_JERK_AUTO": GainField("jerk_position", least=1.0, most=80.0),
-    "MPC_JERK_MAX": GainField("jerk_velocity", least=0.5, most=500.0),
-    "MPC_TILTMAX_AIR": GainField("tilt_max", factor=_DEG, least=5.0, most=80.0),
+    "MPC_XY_VEL_MAX": GainField("speed_max_horizontal", most=30.0, default=12.0),
+    "MPC_Z_VEL_MAX_UP": GainField("speed_max_up", least=0.1, most=15.0, default=3.0),
+    "MPC_Z_VEL_MAX_DN": GainField("speed_max_down", least=0.1, most=15.0, default=1.5),
+    "MPC_ACC_HOR": GainField("acceleration_horizontal", least=0.5, most=15.0, default=3.0),
+    "MPC_ACC_HOR_MAX": GainField("acceleration_horizontal_max", least=0.5, most=15.0, default=5.0),
+    "MPC_ACC_UP_MAX": GainField("acceleration_up", least=0.5, most=15.0, default=4.0),
+    "MPC_ACC_DOWN_MAX": GainField("acceleration_down", least=0.5, most=15.0, default=3.0),
+    "MPC_JERK_AUTO": GainField("jerk_position", least=1.0, most=80.0, default=8.0),
+    "MPC_JERK_MAX": GainField("jerk_velocity", least=0.5, most=500.0, default=40.0),
+    "MPC_TILTMAX_AIR": GainField("tilt_max", factor=_DEG, least=5.0, most=80.0, default=45.0),
     "MPC_THR_MIN": GainField("thrust_min", most=0.5),
-    "MPC_THR_MAX": GainField("thrust_max", least=0.1, most=1.0),
-    "MPC_THR_XY_MARG": GainField("thrust_horizontal_margin", most=0.5),
+    "MPC_THR_MAX": GainField("thrust_max", least=0.1, most=1.0, default=1.0),
+    "MPC_THR_XY_MARG": GainField("thrust_horizontal_margin", most=0.5, default=0.3),
     "MPC_THR_HOVER": GainField("hover_thrust", least=0.05, most=0.9),
-    "MPC_YAWRAUTO_MAX": GainField("yaw_rate_auto_max", factor=_DEG, least=5.0, most=360.0),
+    "MPC_YAWRAUTO_MAX": GainField("yaw_rate_auto_max", factor=_DEG, least=5.0, most=360.0, default=60.0),
     "MC_ROLL_P": GainField("attitude_p", (0,), most=12.0),
     "MC_PITCH_P": GainField("attitude_p", (1,), most=12.0),
     "MC_YAW_P": GainField("attitude_p", (2,), most=5.0),
-    "MC_YAW_WEIGHT": GainField("yaw_weight", least=0.05, most=1.0),
-    "MC_ROLLRATE_MAX": GainField("rate_max", (0,), factor=_DEG, most=1800.0),
-    "MC_PITCHRATE_MAX": GainField("rate_max", (1,), factor=_DEG, most=1800.0),
-    "MC_YAWRATE_MAX": GainField("rate_max", (2,), factor=_DEG, most=1800.0),
+    "MC_YAW_WEIGHT": GainField("yaw_weight", least=0.05, most=1.0, default=0.4),
+    "MC_ROLLRATE_MAX": GainField("rate_max", (0,), factor=_DEG, most=1800.0, default=220.0),
+    "MC_PITCHRATE_MAX": GainField("rate_max", (1,), factor=_DEG, most=1800.0, default=220.0),
+    "MC_YAWRATE_MAX": GainField("rate_max", (2,), factor=_DEG, most=1800.0, default=200.0),
     "MC_ROLLRATE_P": GainField("rate_p", (0,), most=2.0),
     "MC_ROLLRATE_I": GainField("rate_i", (0,), most=20.0),
     "MC_ROLLRATE_D": GainField("rate_d", (0,), most=0.1),
@@ -149,9 +150,9 @@ GAINS: dict[str, GainField] = {
     "MC_YAWRATE_P": GainField("rate_p", (2,), most=5.0),
     "MC_YAWRATE_I": GainField("rate_i", (2,), most=20.0),
     "MC_YAWRATE_D": GainField("rate_d", (2,), most=0.1),
-    "MC_RR_INT_LIM": GainField("rate_integral_limit", (0,), most=1.0),
-    "MC_PR_INT_LIM": GainField("rate_integral_limit", (1,), most=1.0),
-    "MC_YR_INT_LIM": GainField("rate_integral_limit", (2,), most=1.0),
+    "MC_RR_INT_LIM": GainField("rate_integral_limit", (0,), most=1.0, default=0.3),
+    "MC_PR_INT_LIM": GainField("rate_integral_limit", (1,), most=1.0, default=0.3),
+    "MC_YR_INT_LIM": GainField("rate_integral_limit", (2,), most=1.0, default=0.3),
     "IMU_GYRO_CUTOFF": GainField("gyro_cutoff_hz", least=5.0, most=1000.0),
     "IMU_DGYRO_CUTOFF": GainField("gyro_derivative_cutoff_hz", least=5.0, most=1000.0),
     "MC_AIRMODE": GainField("airmode", most=1.0),
@@ -166,36 +167,20 @@ def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.
     MPC_YAWRAUTO_MAX is 60 °/s, the rate of the agent's turns. MPC_THR_MIN is at most 0.4 of the hover thrust.
     """
     params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
-    for name in ("attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p"):
+    for name, gain in GAINS.items():
+        if gain.default is not None:
+            write(params, name, gain.default)
+    for name in (
+        "attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p", "velocity_lag", "yaw_lag",
+        "gyro_cutoff_hz", "gyro_derivative_cutoff_hz", "hover_thrust", "rotor_thrust_min",
+    ):  # fmt: skip
         params[name] = getattr(gains, name)
     for name in ("rate_p", "rate_i", "rate_d"):  # from rad/s² to normalised torque
         params[name] = np.array(getattr(gains, name)) / np.array(gains.acceleration_max)
     params["torque_acceleration"] = gains.acceleration_max
-    params["velocity_lag"] = gains.velocity_lag
-    params["yaw_lag"] = gains.yaw_lag
-    params["gyro_cutoff_hz"] = gains.gyro_cutoff_hz
-    params["gyro_derivative_cutoff_hz"] = gains.gyro_derivative_cutoff_hz
-    params["hover_thrust"] = gains.hover_thrust
-    params["rotor_thrust_min"] = gains.rotor_thrust_min
     params["rotors"] = rotors
     params["mix"] = allocation.mix
-    params["speed_max_horizontal"] = 12.0
-    params["speed_max_up"] = 3.0
-    params["speed_max_down"] = 1.5
-    params["acceleration_horizontal"] = 3.0
-    params["acceleration_horizontal_max"] = 5.0
-    params["acceleration_up"] = 4.0
-    params["acceleration_down"] = 3.0
-    params["jerk_position"] = 8.0
-    params["jerk_velocity"] = 40.0
-    params["tilt_max"] = math.radians(45.0)
     params["thrust_min"] = min(0.12, 0.4 * gains.hover_thrust)
-    params["thrust_max"] = 1.0
-    params["thrust_horizontal_margin"] = 0.3
-    params["yaw_rate_auto_max"] = math.radians(60.0)
-    params["yaw_weight"] = 0.4
-    params["rate_max"] = (math.radians(220.0), math.radians(220.0), math.radians(200.0))
-    params["rate_integral_limit"] = (0.3, 0.3, 0.3)
     return params
 
 

@@ -13,34 +13,40 @@ HISTORY = 128  # entries of `history`: 512 ms at one entry every 4 ms
 STATUS_ALIGNING = 0
 STATUS_RUNNING = 1
 
+# PX4-like noise figures and gates. The noise densities are for a vibrating frame: 4 times (gyro) and 17 times
+# (accelerometer) the BMI088's data sheet.
+DEFAULTS: dict[str, int | float] = {
+    "declination": 0.0558,  # rad, magnetic, east positive (EKF2_MAG_DECL, which is in deg)
+    "gyro_noise": 1.0e-3,  # rad/s/√Hz
+    "accel_noise": 0.03,  # m/s²/√Hz
+    "gyro_bias_walk": 1.0e-4,  # rad/s/√s
+    "accel_bias_walk": 2.0e-3,  # m/s²/√s
+    # m/s²; a larger sample is at the accelerometer's limit of ±16 g. PX4 calls samples above 0.999 of it clipped.
+    "accel_clip": 0.99 * 156.9,
+    "mag_noise": 0.02,  # gauss (EKF2_MAG_NOISE)
+    "mag_bias_std": 0.01,  # gauss, σ of the hard iron after a calibration; 0: not estimated
+    "mag_bias_walk": 5.0e-5,  # gauss/√s (EKF2_MAG_B_NOISE)
+    "baro_noise": 1.0,  # m (EKF2_BARO_NOISE)
+    "gps_velocity_noise": 0.15,  # m/s, least σ of a fix (EKF2_GPS_V_NOISE)
+    "gps_position_noise": 0.5,  # m, least σ of a fix (EKF2_GPS_P_NOISE)
+    # Number of consecutive fixes that share one position error: they weigh as one. 18 fixes take 1.8 s. With more, such
+    # as a minute's fixes, GPS weighs less: moves of 3 m are more exact, but the estimate recovers too slowly from an
+    # impact.
+    "gps_fixes_alike": 18.0,
+    "gate_mag": 3.0,  # σ, largest accepted innovation (EKF2_HDG_GATE)
+    "gate_baro": 5.0,  # σ (EKF2_BARO_GATE)
+    "gate_velocity": 5.0,  # σ (EKF2_GPS_V_GATE)
+    "gate_position": 5.0,  # σ (EKF2_GPS_P_GATE)
+    "gps_eph_max": 3.0,  # m, a worse fix is not used (EKF2_REQ_EPH)
+    "gps_epv_max": 5.0,  # m (EKF2_REQ_EPV)
+    "gps_speed_accuracy_max": 0.5,  # m/s (EKF2_REQ_SACC)
+    "gps_fixes_required": 10,  # good fixes in a row before the origin is set
+    "timeout_us": 5_000_000,  # µs without a fused sample until a quantity is invalid (EKF2_NOAID_TOUT)
+    "reset_after_us": 7_000_000,  # µs of rejected samples until the state is reset to them
+    "align_us": 1_000_000,  # µs of rest, whose mean samples give the initial attitude
+}
 ESTIMATOR_PARAMS = np.dtype(
-    [
-        ("declination", "f8"),  # rad, magnetic, east positive (EKF2_MAG_DECL, which is in deg)
-        ("gyro_noise", "f8"),  # rad/s/√Hz
-        ("accel_noise", "f8"),  # m/s²/√Hz
-        ("gyro_bias_walk", "f8"),  # rad/s/√s
-        ("accel_bias_walk", "f8"),  # m/s²/√s
-        ("accel_clip", "f8"),  # m/s²; a larger sample is at the accelerometer's limit
-        ("mag_noise", "f8"),  # gauss (EKF2_MAG_NOISE)
-        ("mag_bias_std", "f8"),  # gauss, σ of the hard iron after a calibration; 0: not estimated
-        ("mag_bias_walk", "f8"),  # gauss/√s (EKF2_MAG_B_NOISE)
-        ("baro_noise", "f8"),  # m (EKF2_BARO_NOISE)
-        ("gps_velocity_noise", "f8"),  # m/s, least σ of a fix (EKF2_GPS_V_NOISE)
-        ("gps_position_noise", "f8"),  # m, least σ of a fix (EKF2_GPS_P_NOISE)
-        ("gps_fixes_alike", "f8"),  # number of consecutive fixes that share one position error: they weigh as one
-        ("gate_mag", "f8"),  # σ, largest accepted innovation (EKF2_HDG_GATE)
-        ("gate_baro", "f8"),  # σ (EKF2_BARO_GATE)
-        ("gate_velocity", "f8"),  # σ (EKF2_GPS_V_GATE)
-        ("gate_position", "f8"),  # σ (EKF2_GPS_P_GATE)
-        ("gps_eph_max", "f8"),  # m, a worse fix is not used (EKF2_REQ_EPH)
-        ("gps_epv_max", "f8"),  # m (EKF2_REQ_EPV)
-        ("gps_speed_accuracy_max", "f8"),  # m/s (EKF2_REQ_SACC)
-        ("gps_fixes_required", "i8"),  # good fixes in a row before the origin is set
-        ("timeout_us", "i8"),  # µs without a fused sample until a quantity is invalid (EKF2_NOAID_TOUT)
-        ("reset_after_us", "i8"),  # µs of rejected samples until the state is reset to them
-        ("align_us", "i8"),  # µs of rest, whose mean samples give the initial attitude
-    ],
-    align=True,
+    [(name, "i8" if isinstance(value, int) else "f8") for name, value in DEFAULTS.items()], align=True
 )
 
 ESTIMATOR_STATE = np.dtype(
@@ -101,38 +107,9 @@ ESTIMATOR_STATE = np.dtype(
 )
 
 
-def default_parameters(declination_rad: float) -> np.void:
-    """Return ESTIMATOR_PARAMS with PX4-like noise figures and gates.
-
-    The noise densities are for a vibrating frame: 4 times (gyro) and 17 times (accelerometer) the BMI088's data sheet.
-    """
-    params: np.void = np.zeros(1, ESTIMATOR_PARAMS)[0]
-    params["declination"] = declination_rad
-    params["gyro_noise"] = 1.0e-3
-    params["accel_noise"] = 0.03
-    params["gyro_bias_walk"] = 1.0e-4
-    params["accel_bias_walk"] = 2.0e-3
-    params["accel_clip"] = 0.99 * 156.9  # ±16 g; in PX4 a sample is clipped above 0.999 of the range
-    params["mag_noise"] = 0.02
-    params["mag_bias_std"] = 0.01
-    params["mag_bias_walk"] = 5.0e-5
-    params["baro_noise"] = 1.0
-    params["gps_velocity_noise"] = 0.15
-    params["gps_position_noise"] = 0.5
-    # 18 fixes take 1.8 s. With more, such as a minute's fixes, GPS weighs less: moves of 3 m are more exact, but the
-    # estimate recovers too slowly from an impact.
-    params["gps_fixes_alike"] = 18.0
-    params["gate_mag"] = 3.0
-    params["gate_baro"] = 5.0
-    params["gate_velocity"] = 5.0
-    params["gate_position"] = 5.0
-    params["gps_eph_max"] = 3.0
-    params["gps_epv_max"] = 5.0
-    params["gps_speed_accuracy_max"] = 0.5
-    params["gps_fixes_required"] = 10
-    params["timeout_us"] = 5_000_000
-    params["reset_after_us"] = 7_000_000
-    params["align_us"] = 1_000_000
+def default_parameters() -> np.void:
+    """Return ESTIMATOR_PARAMS with the values of DEFAULTS."""
+    params: np.void = np.array([tuple(DEFAULTS.values())], ESTIMATOR_PARAMS)[0]
     return params
 
 

@@ -42,7 +42,8 @@ class Filter:
     """Records of one estimator that is already running at the origin."""
 
     def __init__(self):
-        self.params = default_parameters(DECLINATION)
+        self.params = default_parameters()
+        self.params["declination"] = DECLINATION
         self.state = initial_state()
         self.state["status"] = STATUS_RUNNING
         self.state["origin_set"] = 1

@@ -9,6 +9,7 @@ from numba import njit
 
 from autopilot.control import cascade
 from autopilot.control.flight_core import FlightCore, update
+from autopilot.control.gains import read
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
@@ -241,14 +242,15 @@ def test_an_infinite_setpoint_does_not_crash_the_vehicle(field):
 
 
 def test_parameters_are_set_and_read_by_their_px4_names():
-    core = FlightCore(load("x500"), overrides={"MPC_XY_VEL_MAX": 5.0})
+    core = FlightCore(load("x500"))
+    core.set_parameter("MPC_XY_VEL_MAX", 5.0)
     defaults = core.parameter_defaults()
     assert defaults["MPC_XY_VEL_MAX"] == 12.0
-    assert core.get_parameter("MPC_XY_VEL_MAX") == 5.0
+    assert read(core.params, "MPC_XY_VEL_MAX") == 5.0
     assert defaults["MPC_TILTMAX_AIR"] == pytest.approx(45.0)
     for name, value in defaults.items():
         assert core.set_parameter(name, value) == pytest.approx(value), name
-        assert core.get_parameter(name) == pytest.approx(value), name
+        assert read(core.params, name) == pytest.approx(value), name
     assert core.set_parameter("MPC_TILTMAX_AIR", 500.0) == 80.0
     with pytest.raises(UsageError, match="NO_SUCH"):
         core.set_parameter("NO_SUCH", 1.0)

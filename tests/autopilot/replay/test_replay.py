@@ -58,7 +58,8 @@ def test_the_estimate_of_the_golden_flight_follows_the_truth(golden, replayed):
 
 
 def test_a_changed_gain_exceeds_the_tolerance(golden, replayed):
-    core = FlightCore(airframe.load(AIRFRAME), overrides={"MPC_XY_VEL_P_ACC": 2.1})
+    core = FlightCore(airframe.load(AIRFRAME))
+    core.set_parameter("MPC_XY_VEL_P_ACC", 2.1)
     other = replay(core, golden[0], EVERY)
     assert np.abs(other.command - replayed.command).max() > TOLERANCES["command"]
 

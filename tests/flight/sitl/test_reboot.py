@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from autopilot.commander.plans import FENCE, MISSION, RALLY, PlanItem
+from autopilot.control.gains import read
 from autopilot.mavlink.node import BY_NAME
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from dronecats.flight.stages.lockstep import Lockstep
@@ -36,7 +37,7 @@ def test_a_restart_keeps_parameters_ports_and_place(tmp_path, kept_in_a_file):
     assert vehicle.autopilot is not before
     assert not vehicle.autopilot.reboot_requested
     assert vehicle.autopilot.parameters["MPC_XY_VEL_MAX"] == 7.5
-    assert vehicle.core.get_parameter("MPC_XY_VEL_MAX") == 7.5
+    assert read(vehicle.core.params, "MPC_XY_VEL_MAX") == 7.5
     assert vehicle.plant.truth["position_ned"] == pytest.approx(stood, abs=1e-6)
     link.wait(12.0)
     assert link.time_us > now + 10_000_000
