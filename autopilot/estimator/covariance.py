@@ -122,9 +122,9 @@ def apply(P: Grid, state: Record, innovation: float, innovation_var: float) -> N
 
 
 @njit(cache=True)
-def forget(P: Grid, first: int, variance: float) -> None:
-    """Set three states, beginning at `first`, to the variance `variance` without any correlation."""
-    for i in range(first, first + 3):
+def forget(P: Grid, first: int, count: int, variance: float) -> None:
+    """Set `count` states, beginning at `first`, to the variance `variance` without any correlation."""
+    for i in range(first, first + count):
         for j in range(STATES):
             P[i, j] = 0.0
             P[j, i] = 0.0
@@ -134,9 +134,7 @@ def forget(P: Grid, first: int, variance: float) -> None:
 @njit(cache=True)
 def initialise(P: Grid, tilt_std: float, yaw_std: float, gyro_bias_std: float) -> None:
     """Set P for a vehicle whose attitude was just aligned. The arguments are standard deviations, rad and rad/s."""
-    for i in range(STATES):
-        for j in range(STATES):
-            P[i, j] = 0.0
+    forget(P, 0, STATES, 0.0)
     for i in range(2):
         P[i, i] = tilt_std * tilt_std
     P[2, 2] = yaw_std * yaw_std
@@ -168,10 +166,7 @@ def trust_compass(P: Grid, state: Record, horizontal: float, declination: float,
     forward, right = hard_iron_slopes(state.attitude, max(horizontal, 0.02), declination)
     variance = hard_iron * hard_iron
     for i, slope in ((MOTION, forward), (MOTION + 1, right)):
-        for j in range(STATES):
-            P[i, j] = 0.0
-            P[j, i] = 0.0
-        P[i, i] = variance
+        forget(P, i, 1, variance)
         P[2, i] = -slope * variance
         P[i, 2] = -slope * variance
         P[2, 2] += slope * slope * variance

@@ -6,8 +6,8 @@ variances and test ratios, and the time of the last accepted sample.
 
 import math
 
-from autopilot.estimator import covariance
 from autopilot.estimator.alignment import level
+from autopilot.estimator.covariance import apply, forget, hard_iron_slopes, innovation_variance, symmetrize
 from autopilot.estimator.records import HISTORY, MOTION, STATES
 from autopilot.records import (
     HEADING_TEST,
@@ -21,12 +21,6 @@ from autopilot.records import (
 )
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
-
-apply = covariance.apply
-forget = covariance.forget
-hard_iron_slopes = covariance.hard_iron_slopes
-innovation_variance = covariance.innovation_variance
-symmetrize = covariance.symmetrize
 
 # µs. Fixes from before the last impact are ignored, unless no fix was used for this time. So the filter still gets
 # fixes while the vehicle scrapes along a wall, with one impact after another.
@@ -89,10 +83,7 @@ def fuse_heading(
         )  # fmt: skip
         for i in range(4):
             q[i] = realigned[i]
-        for j in range(STATES):
-            P[2, j] = 0.0
-            P[j, 2] = 0.0
-        P[2, 2] = 0.01
+        forget(P, 2, 1, 0.01)
         state.mag_fused_us = time_us
         state.resets += 1
 
@@ -110,10 +101,7 @@ def fuse_height(params: Record, state: Record, P: Grid, pressure_hpa: float, tim
     state.rejected += 1
     if time_us - state.baro_fused_us > params.reset_after_us:
         state.position[2] = down
-        for j in range(STATES):
-            P[8, j] = 0.0
-            P[j, 8] = 0.0
-        P[8, 8] = params.baro_noise**2
+        forget(P, 8, 1, params.baro_noise**2)
         state.baro_fused_us = time_us
         state.resets += 1
 
@@ -189,9 +177,9 @@ def set_origin(params: Record, state: Record, P: Grid, history: Grid, sensors: R
         state.velocity[i] = v[i] + dv[i]
     for i in range(2):
         state.position[i] = dp[i]
-    forget(P, 3, max(sensors.gps_speed_accuracy, params.gps_velocity_noise) ** 2)
+    forget(P, 3, 3, max(sensors.gps_speed_accuracy, params.gps_velocity_noise) ** 2)
     height_variance = P[8, 8]
-    forget(P, 6, max(sensors.gps_eph_m, params.gps_position_noise) ** 2)
+    forget(P, 6, 3, max(sensors.gps_eph_m, params.gps_position_noise) ** 2)
     P[8, 8] = height_variance
     state.origin_set = 1
     state.position_fused_us = state.time_us
@@ -247,7 +235,7 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
     elif time_us - state.velocity_fused_us > params.reset_after_us:
         for i in range(3):
             state.velocity[i] = v[i] + dv[i]
-        forget(P, 3, speed_variance)
+        forget(P, 3, 3, speed_variance)
         state.velocity_fused_us = time_us
         state.resets += 1
 
@@ -271,7 +259,7 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
             height, height_variance = p[2], P[8, 8]
             for i in range(2):
                 p[i] = local[i] + dp[i]
-            forget(P, 6, place_variance)
+            forget(P, 6, 3, place_variance)
             p[2], P[8, 8] = height, height_variance
             state.position_fused_us = time_us
             state.resets += 1
