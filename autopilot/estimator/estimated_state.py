@@ -5,6 +5,8 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from autopilot.records import ESTIMATE
 from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_to_euler
 from foundation.record_reader import reader
@@ -21,21 +23,22 @@ _MOTION = ("attitude", "rates_frd", "accel_frd")
 _REST = tuple(name for name in ESTIMATE.names or () if name not in ("time_us", *_FLIGHT, *_MOTION))
 
 
-def _display(names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
-    """Return a function that converts the numbers of these fields to a dict from field name to scalar or tuple.
+def display(dtype: np.dtype[np.void], names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
+    """Return a function that converts the numbers of fields of a record to a dict from field name to scalar or tuple.
 
-    It is compiled from source text, because a dict literal takes half the time of a loop, and this runs at every tick.
+    The numbers come from `foundation.record_reader.reader` with the same names. The function is compiled from source
+    text, because a dict literal takes half the time of a loop, and this runs at every tick.
     """
     start, entries = 0, []
     for name in names:
-        count = math.prod(ESTIMATE[name].shape)
+        count = math.prod(dtype[name].shape)
         entries.append(f"{name!r}: v[{start}]" if count == 1 else f"{name!r}: v[{start}:{start + count}]")
         start += count
     made: Callable[[tuple[Any, ...]], dict[str, Any]] = eval(f"lambda v: {{{', '.join(entries)}}}")
     return made
 
 
-_GROUPS = tuple((names, _display(names)) for names in (_FLIGHT, _MOTION, _REST))
+_GROUPS = tuple((names, display(ESTIMATE, names)) for names in (_FLIGHT, _MOTION, _REST))
 _GROUP_OF = {name: number for number, (names, _) in enumerate(_GROUPS) for name in names}
 
 
@@ -101,7 +104,7 @@ class EstimatedState:
         self._time = reader(estimate, "time_us")
         self._range = reader(sensors, "range_time_us", "range_m")
         self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # time (µs; 0: none), charge (0 … 1)
-        self._groups = tuple((reader(estimate, *names), display) for names, display in _GROUPS)
+        self._groups = tuple((reader(estimate, *names), as_fields) for names, as_fields in _GROUPS)
         self.refresh()
 
     def refresh(self) -> None:
@@ -114,8 +117,8 @@ class EstimatedState:
         number = _GROUP_OF.get(name)
         if number is None:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-        read, display = self._groups[number]
-        fields = display(read())
+        read, as_fields = self._groups[number]
+        fields = as_fields(read())
         if number == 0:
             if fields["position_std_h"] > self.position_limit:
                 fields["position_valid"] = 0

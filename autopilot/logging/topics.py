@@ -5,17 +5,17 @@ PX4 fields that this autopilot does not compute are omitted. `Readings` reads al
 """
 
 import math
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.estimator.estimated_state import EstimatedState, display
 from autopilot.mavlink.motion_makers import estimator_flags
 from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.atmosphere import pressure_altitude
 from foundation.frames import GRAVITY, rotate
+from foundation.record_reader import reader
 from foundation.sensors import RANGE_M
 
 
@@ -23,16 +23,7 @@ class Readings:
     """The fields of a record as attributes, scalars as numbers and arrays as tuples; `refresh` updates them."""
 
     def __init__(self, record: Any) -> None:
-        kinds = [(name, record.dtype[name]) for name in record.dtype.names]
-        counts = [math.prod(kind.shape) for _, kind in kinds]
-        codes = ["q" if kind.base.kind == "i" else "d" for _, kind in kinds]
-        self._struct = struct.Struct("=" + "".join(f"{n}{code}" for n, code in zip(counts, codes, strict=True)))
-        self._places: list[tuple[str, int | slice]] = []
-        start = 0
-        for (name, kind), count in zip(kinds, counts, strict=True):
-            self._places.append((name, slice(start, start + count) if kind.shape else start))
-            start += count
-        self._buffer = memoryview(record)
+        self._read, self._as_fields = reader(record, *record.dtype.names), display(record.dtype, record.dtype.names)
         self.refresh()
 
     def __getattr__(self, name: str) -> Any:  # called for unknown names only
@@ -40,10 +31,7 @@ class Readings:
 
     def refresh(self) -> None:
         """Read the record again."""
-        values = self._struct.unpack_from(self._buffer)
-        fields = self.__dict__
-        for name, place in self._places:
-            fields[name] = values[place]
+        self.__dict__ |= self._as_fields(self._read())
 
 
 NAN = math.nan
