@@ -6,7 +6,7 @@ FOLLOW stays beside a moving target (PX4's FLW_TGT_*). ORBIT circles a point.
 import math
 
 from autopilot.commander.modes.flight import FlightContext, Mode
-from autopilot.commander.modes.manual import shaped
+from autopilot.commander.modes.manual import shaped, stick_turn
 from autopilot.commander.plans import Home, local_place
 from autopilot.records import IDLE, NAN, CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
@@ -23,6 +23,21 @@ def approach_speed(distance: float, cruise: float, acceleration: float) -> float
     """
     limit = min(cruise, max(LEAST_SPEED, math.sqrt(2.0 * BRAKING_SHARE * acceleration * distance)))
     return math.ceil(limit * 20.0) / 20.0
+
+
+def cruising(flight: FlightContext, place_ned: Vec3, yaw: float, distance: float) -> CascadeSetpoint:
+    """Return the setpoint of a flight to a place (m, NED), with the speed limits of automatic flight.
+
+    `distance` (m) is the horizontal distance to the target.
+    """
+    p = flight.parameters
+    return CascadeSetpoint(
+        position_ned=place_ned,
+        yaw=yaw,
+        speed_limit_up=float(p["MPC_Z_V_AUTO_UP"]),
+        speed_limit_down=float(p["MPC_Z_V_AUTO_DN"]),
+        speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
+    )
 
 
 STOPPED_SPEED = 0.3  # m/s; below it the vehicle counts as stopped, and HOLD stores its position
@@ -48,8 +63,7 @@ class HoldMode(Mode):
             self._yaw = yaw
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
-        p, state = flight.parameters, flight.state
-        up, down = float(p["MPC_Z_V_AUTO_UP"]), float(p["MPC_Z_V_AUTO_DN"])
+        state = flight.state
         if self._target is None:
             vn, ve, vd = state.velocity_ned
             slow = math.sqrt(vn * vn + ve * ve + vd * vd) < STOPPED_SPEED
@@ -58,14 +72,7 @@ class HoldMode(Mode):
             self._target = state.position_ned
         target = self._target
         distance = math.hypot(target[0] - state.position_ned[0], target[1] - state.position_ned[1])
-        return CascadeSetpoint(
-            position_ned=target,
-            yaw=self._yaw,
-            yaw_rate=NAN,
-            speed_limit_up=up,
-            speed_limit_down=down,
-            speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
-        )
+        return cruising(flight, target, self._yaw, distance)
 
 
 ARRIVED_M = 0.3
@@ -241,13 +248,7 @@ class ReturnHome(Mode):
         if self._leg == "land":
             return self._land.setpoint(flight)
         place = self._start if self._leg == "climb" else goal
-        return CascadeSetpoint(
-            position_ned=(place[0], place[1], self._z),
-            yaw=self._yaw,
-            speed_limit_up=float(p["MPC_Z_V_AUTO_UP"]),
-            speed_limit_down=float(p["MPC_Z_V_AUTO_DN"]),
-            speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
-        )
+        return cruising(flight, (place[0], place[1], self._z), self._yaw, distance)
 
     def _wait(self, flight: FlightContext) -> None:
         now, delay = flight.state.time_us, float(flight.parameters["RTL_LAND_DELAY"])
@@ -293,12 +294,8 @@ class Follow(Mode):
         if self._seen is not None and math.hypot(self._seen[0] - n, self._seen[1] - e) > 1.0:
             self._yaw = math.atan2(self._seen[1] - e, self._seen[0] - n)
         distance = math.hypot(self._place[0] - n, self._place[1] - e)
-        return CascadeSetpoint(
-            position_ned=self._place,
+        return cruising(flight, self._place, self._yaw, distance)._replace(
             velocity_ned=(velocity[0], velocity[1], 0.0),
-            yaw=self._yaw,
-            speed_limit_up=float(p["MPC_Z_V_AUTO_UP"]),
-            speed_limit_down=float(p["MPC_Z_V_AUTO_DN"]),
             speed_limit_horizontal=approach_speed(distance, speed, float(p["MPC_ACC_HOR"])) + math.hypot(*velocity),
         )
 
@@ -410,8 +407,7 @@ class Orbit(Mode):
         if self.yaw_behaviour == FREE_YAW:
             return math.nan, 0.0
         if self.yaw_behaviour == BY_STICK:
-            stick = shaped(flight.sticks.yaw, flight.parameters, "MPC_YAW_EXPO")
-            return math.nan, stick * math.radians(flight.parameters["MPC_MAN_Y_MAX"])
+            return math.nan, stick_turn(flight)
         if self.yaw_behaviour == ALONG and on_circle:
             return wrap_pi(inwards - math.copysign(0.5 * math.pi, self.speed)), turn
         return inwards, turn

@@ -56,7 +56,7 @@ def climb(flight: FlightContext) -> float:
     return -stick * float(p["MPC_Z_VEL_MAX_UP"] if stick > 0.0 else p["MPC_Z_VEL_MAX_DN"])
 
 
-def turn(flight: FlightContext) -> float:
+def stick_turn(flight: FlightContext) -> float:
     """Return the yaw rate (rad/s) that the yaw stick commands."""
     return shaped(flight.sticks.yaw, flight.parameters, "MPC_YAW_EXPO") * math.radians(
         flight.parameters["MPC_MAN_Y_MAX"]
@@ -120,7 +120,7 @@ class PositionControl(Mode):
         return CascadeSetpoint(
             position_ned=self._place,
             velocity_ned=(vn, ve, vd),
-            yaw_rate=turn(flight),
+            yaw_rate=stick_turn(flight),
             speed_limit_up=float(p["MPC_Z_VEL_MAX_UP"]),
             speed_limit_down=float(p["MPC_Z_VEL_MAX_DN"]),
         )
@@ -145,7 +145,7 @@ class AltitudeControl(Mode):
             position_ned=(NAN, NAN, self._height.z(flight, vd)),
             velocity_ned=(NAN, NAN, vd),
             acceleration_ned=(an, ae, NAN),
-            yaw_rate=turn(flight),
+            yaw_rate=stick_turn(flight),
             speed_limit_up=float(p["MPC_Z_VEL_MAX_UP"]),
             speed_limit_down=float(p["MPC_Z_VEL_MAX_DN"]),
         )
@@ -165,7 +165,7 @@ class Stabilized(Mode):
         return CascadeSetpoint(
             kind=KIND_ATTITUDE,
             attitude=quat_from_euler(tilt * right, -tilt * forward, flight.state.yaw),
-            yaw_rate=turn(flight),
+            yaw_rate=stick_turn(flight),
             thrust=min(max(throttle_thrust(sticks.throttle, _hover(flight), p), 0.0), 1.0),
         )
 

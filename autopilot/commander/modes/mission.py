@@ -3,7 +3,7 @@
 import math
 
 from autopilot.commander import plans
-from autopilot.commander.modes.automatic import Land, approach_speed
+from autopilot.commander.modes.automatic import Land, cruising
 from autopilot.commander.modes.flight import FlightContext, Mode
 from autopilot.commander.plans import PlanItem, local_place
 from autopilot.records import CascadeSetpoint
@@ -53,7 +53,6 @@ class Mission(Mode):
         self._seek(flight)
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
-        p = flight.parameters
         if not flight.plans.mission and self.next_mode is None:
             self._finish(flight.state.position_ned)
         elif self.next_mode is None:
@@ -63,14 +62,10 @@ class Mission(Mode):
         n, e, _ = flight.state.position_ned
         place = (self._start[0], self._start[1], self._climb_z) if self._leg == "climb" else self._target
         distance = math.hypot(place[0] - n, place[1] - e)
-        leaving = self._leg == "climb" and flight.landed
-        return CascadeSetpoint(
-            position_ned=place,
-            yaw=self._yaw,
-            speed_limit_up=float(p["MPC_TKO_SPEED"] if leaving else p["MPC_Z_V_AUTO_UP"]),
-            speed_limit_down=float(p["MPC_Z_V_AUTO_DN"]),
-            speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
-        )
+        setpoint = cruising(flight, place, self._yaw, distance)
+        if self._leg == "climb" and flight.landed:
+            return setpoint._replace(speed_limit_up=float(flight.parameters["MPC_TKO_SPEED"]))
+        return setpoint
 
     # sequence of items
 
