@@ -17,7 +17,7 @@ from autopilot.logging.flight_log import FlightLogWriter, LogDirectory, make_fol
 from autopilot.mavlink import commands, file_transfer, mission, steering
 from autopilot.mavlink import parameter_protocol as parameter
 from autopilot.mavlink.gimbal import GimbalDevice, GimbalManager
-from autopilot.mavlink.node import BY_NAME, COMPONENT_ID, GROUPS, Inject, Node, Port, Uploads
+from autopilot.mavlink.node import BY_NAME, COMPONENT_ID, GROUPS, Inject, Node, Port
 from autopilot.mavlink.status_makers import Message, TelemetrySource
 from autopilot.parameters import ParameterTable
 from foundation.airframe import Airframe
@@ -85,7 +85,7 @@ class Autopilot:
         self.log = FlightLogWriter(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
         if card_dir is not None:
             make_folder(card_dir)
-        self.node = Node(vehicle, system_id, Uploads(), self.log, inject, card_dir)
+        self.node = Node(vehicle, system_id, self.log, inject, card_dir)
 
     def update(self) -> None:
         """Run the commander if it is due (50 Hz), and queue the telemetry that is due on every port."""
@@ -138,11 +138,6 @@ class Autopilot:
         self.node.ports.append(port)
         self.node.find_shortest()
         return port
-
-    def close_port(self, port: Port) -> None:
-        """Remove a port. Raises ValueError if the port is not open."""
-        self.node.ports.remove(port)
-        self.node.find_shortest()
 
     @property
     def reboot_requested(self) -> bool:

@@ -18,6 +18,7 @@ from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink import motion_makers as motion
 from autopilot.mavlink import status_makers as status
 from autopilot.mavlink.file_tree import FileSessions, FileTree, packed
+from autopilot.mavlink.gimbal import GimbalManager
 from autopilot.mavlink.status_makers import Maker, Message, TelemetrySource
 from foundation import wire
 from foundation.errors import UsageError
@@ -78,10 +79,10 @@ TABLE: tuple[Stream, ...] = (
     Stream("CURRENT_MODE", 0.5, 0.5, status.current_mode),
     Stream("VIBRATION", 0.5, 0.1, motion.vibration),
     Stream("AVAILABLE_MODES_MONITOR", 0.3, 0.3, status.available_modes_monitor),
-    Stream("GIMBAL_DEVICE_ATTITUDE_STATUS", 10, 5, status.gimbal_device_attitude_status),
-    Stream("GIMBAL_MANAGER_STATUS", 5, 0.5, status.gimbal_manager_status),
-    Stream("GIMBAL_MANAGER_INFORMATION", 0, 0, status.gimbal_manager_information),
-    Stream("GIMBAL_DEVICE_INFORMATION", 0, 0, status.gimbal_device_information),
+    Stream("GIMBAL_DEVICE_ATTITUDE_STATUS", 10, 5, status.of_gimbal(GimbalManager.attitude_status)),
+    Stream("GIMBAL_MANAGER_STATUS", 5, 0.5, status.of_gimbal(GimbalManager.status)),
+    Stream("GIMBAL_MANAGER_INFORMATION", 0, 0, status.of_gimbal(GimbalManager.information)),
+    Stream("GIMBAL_DEVICE_INFORMATION", 0, 0, status.of_gimbal(GimbalManager.device_information)),
     Stream("AUTOPILOT_VERSION", 0, 0, status.autopilot_version),
     Stream("FLIGHT_INFORMATION", 0, 0, status.flight_information),
     Stream("SCALED_IMU", 0, 0, motion.scaled_imu),
@@ -356,7 +357,6 @@ class Node:
         self,
         vehicle: TelemetrySource,
         system_id: int,
-        uploads: Uploads,
         log: FlightLogWriter | None = None,
         inject: Inject | None = None,
         card: Path | None = None,
@@ -370,7 +370,7 @@ class Node:
         self.ports: list[Port] = []
         self.reboot_requested = False
         self.handler_errors = 0
-        self.uploads = uploads
+        self.uploads = Uploads()
         self.shortest_us = 1_000_000  # the interval of the fastest stream of all ports
         self._text_id = 0
         self._shown = (vehicle.commander.mode, vehicle.commander.armed)

@@ -1,7 +1,6 @@
 """MAVLink's parameter protocol. As in PX4, the float field carries the bytes of an INT32."""
 
 import struct
-from collections.abc import Iterator
 
 from autopilot.mavlink.node import Node, Port
 from autopilot.mavlink.status_makers import Message
@@ -35,13 +34,9 @@ def parameter_value(parameters: ParameterTable, name: str) -> Message:
 
 
 def request_list(node: Node, port: Port, message: Message) -> None:
-    """Start to send the whole list on this port."""
-    port.list_parameters(_values(node.vehicle.parameters))
-
-
-def _values(parameters: ParameterTable) -> Iterator[Message]:
-    """Return every parameter, each with its value at the time of sending."""
-    return (parameter_value(parameters, name) for name in parameters.names)
+    """Start to send the whole list on this port, each parameter with its value at the time of sending."""
+    parameters = node.vehicle.parameters
+    port.list_parameters(parameter_value(parameters, name) for name in parameters.names)
 
 
 def request_read(node: Node, port: Port, message: Message) -> None:

@@ -243,17 +243,6 @@ def timesync(v: TelemetrySource) -> Fields:
     return (0, v.state.time_us * 1000)
 
 
-def gimbal_manager_information(v: TelemetrySource) -> Fields | None:
-    return v.gimbal.information(boot_ms(v)) if v.gimbal else None
-
-
-def gimbal_manager_status(v: TelemetrySource) -> Fields | None:
-    return v.gimbal.status(boot_ms(v)) if v.gimbal else None
-
-
-def gimbal_device_information(v: TelemetrySource) -> Fields | None:
-    return v.gimbal.device_information(boot_ms(v)) if v.gimbal else None
-
-
-def gimbal_device_attitude_status(v: TelemetrySource) -> Fields | None:
-    return v.gimbal.attitude_status(boot_ms(v)) if v.gimbal else None
+def of_gimbal(make: Callable[[GimbalManager, int], Fields]) -> Maker:
+    """Return a maker of a gimbal's message, which has no data if the camera is fixed."""
+    return lambda v: make(v.gimbal, boot_ms(v)) if v.gimbal else None
