@@ -25,22 +25,10 @@ class RejectedError(ValueError):
     """A setpoint that PX4 would reject. The text is the reason."""
 
 
-def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
-    """Return (x, y, z), with nan for a component that the mask ignores or that is not below LIMIT."""
-    return (
-        x if not mask & 1 << first_bit and abs(x) < LIMIT else NAN,
-        y if not mask & 2 << first_bit and abs(y) < LIMIT else NAN,
-        z if not mask & 4 << first_bit and abs(z) < LIMIT else NAN,
-    )
-
-
-def _place(mask: int, north: float, east: float, down: float) -> Vec3:
-    """Return a position; ignored or infinite components are nan. Any distance is valid: flight modes limit speeds."""
-    return (
-        north if not mask & 0x1 and math.isfinite(north) else NAN,
-        east if not mask & 0x2 and math.isfinite(east) else NAN,
-        down if not mask & 0x4 and math.isfinite(down) else NAN,
-    )
+def _group(mask: int, first_bit: int, vector: Vec3, limit: float = LIMIT) -> Vec3:
+    """Return a vector, with nan for a component that the mask ignores or that is not below `limit`."""
+    x, y, z = (value if not mask >> first_bit + i & 1 and abs(value) < limit else NAN for i, value in enumerate(vector))
+    return (x, y, z)
 
 
 def _angle(mask: int, bit: int, value: float) -> float:
@@ -57,9 +45,9 @@ def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, accelerati
     """
     if mask & FORCE:
         raise RejectedError("force not supported")
-    p = _place(mask, *position)
-    v = _group(mask, 3, *velocity)
-    a = _group(mask, 6, *acceleration)
+    p = _group(mask, 0, position, math.inf)  # any distance is valid: flight modes limit speeds
+    v = _group(mask, 3, velocity)
+    a = _group(mask, 6, acceleration)
     if frame == BODY_NED:
         p = FREE
         if mask & 0x38:
@@ -85,19 +73,23 @@ def _accept(node: Node, setpoint: CascadeSetpoint) -> None:
     offboard.setpoint, offboard.time_us = setpoint, node.time_us
 
 
-def local_ned(node: Node, port: Port, message: Message) -> None:
-    """Handle SET_POSITION_TARGET_LOCAL_NED."""
+def _take(node: Node, m: Message, frame: int, position: Vec3) -> None:
+    """Store the trajectory setpoint of a message; complain about a setpoint that PX4 would reject."""
     state = node.vehicle.state
-    m = message
     try:
         setpoint = trajectory(
-            m.type_mask, m.coordinate_frame, (m.x, m.y, m.z), (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
-            m.yaw_rate, state.attitude, state.yaw,
+            m.type_mask, frame, position, (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw, m.yaw_rate,
+            state.attitude, state.yaw,
         )  # fmt: skip
     except RejectedError as reason:
-        node.complain(f"SET_POSITION_TARGET_LOCAL_NED {reason}")
-        return
-    _accept(node, setpoint)
+        node.complain(f"{m.get_type()} {reason}")
+    else:
+        _accept(node, setpoint)
+
+
+def local_ned(node: Node, port: Port, message: Message) -> None:
+    """Handle SET_POSITION_TARGET_LOCAL_NED."""
+    _take(node, message, message.coordinate_frame, (message.x, message.y, message.z))
 
 
 def global_int(node: Node, port: Port, message: Message) -> None:
@@ -119,15 +111,7 @@ def global_int(node: Node, port: Port, message: Message) -> None:
             state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m, m.lat_int * 1e-7, m.lon_int * 1e-7, 0.0
         )
         position = (north, east, down)
-    try:
-        setpoint = trajectory(
-            m.type_mask, LOCAL_NED, position, (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
-            m.yaw_rate, state.attitude, state.yaw,
-        )  # fmt: skip
-    except RejectedError as reason:
-        node.complain(f"SET_POSITION_TARGET_GLOBAL_INT {reason}")
-        return
-    _accept(node, setpoint)
+    _take(node, m, LOCAL_NED, position)
 
 
 def _altitude_to_down(node: Node, frame: int, altitude: float) -> float | None:
