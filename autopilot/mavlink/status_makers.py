@@ -112,28 +112,20 @@ def sys_status(v: TelemetrySource) -> Fields:
         present |= SENSOR_RANGE
     if v.commander.flight.sticks.time_us >= 0:
         present |= SENSOR_RC
-    good = EXTENSION_USED | CONTROL_BITS
-    if not v.commander.supervision.breach:
-        good |= SENSOR_FENCE
-    if health.imu:
-        good |= SENSOR_GYRO | SENSOR_ACCEL
-    if health.mag:
-        good |= SENSOR_MAG
-    if health.baro:
-        good |= SENSOR_PRESSURE
-    if health.gps and v.state.global_valid:
-        good |= SENSOR_GPS
-    if health.range:
-        good |= SENSOR_RANGE
-    if v.state.attitude_valid:
-        good |= SENSOR_AHRS
-    if health.battery and float(s["battery_remaining"]) > v.parameters["BAT_CRIT_THR"]:
-        good |= SENSOR_BATTERY
-    if v.commander.flight.sticks.fresh(v.state.time_us, v.parameters["COM_RC_LOSS_T"]):
-        good |= SENSOR_RC
-    if v.commander.armed or not v.commander.arming_failures():
-        good |= PREARM_CHECK
-    good &= present
+    is_good = {
+        EXTENSION_USED | CONTROL_BITS: True,
+        SENSOR_FENCE: not v.commander.supervision.breach,
+        SENSOR_GYRO | SENSOR_ACCEL: health.imu,
+        SENSOR_MAG: health.mag,
+        SENSOR_PRESSURE: health.baro,
+        SENSOR_GPS: health.gps and v.state.global_valid,
+        SENSOR_RANGE: health.range,
+        SENSOR_AHRS: v.state.attitude_valid,
+        SENSOR_BATTERY: health.battery and float(s["battery_remaining"]) > v.parameters["BAT_CRIT_THR"],
+        SENSOR_RC: v.commander.flight.sticks.fresh(v.state.time_us, v.parameters["COM_RC_LOSS_T"]),
+        PREARM_CHECK: v.commander.armed or not v.commander.arming_failures(),
+    }
+    good = sum(bits for bits, good in is_good.items() if good) & present
     has_battery = health.battery
     return (
         present, present, good, 200,

@@ -11,14 +11,10 @@ from foundation.frames import Vec3
 
 
 @dataclass(slots=True)
-class Sticks:
-    """The stick positions in the newest MANUAL_CONTROL."""
+class Received:
+    """Data of the newest message of a kind."""
 
     time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
-    forward: float = 0.0  # -1 … 1
-    right: float = 0.0  # -1 … 1
-    throttle: float = 0.0  # 0 … 1, 0.5 = hold altitude in the assisted modes
-    yaw: float = 0.0  # -1 … 1, positive clockwise
 
     def fresh(self, now_us: int, timeout_s: float) -> bool:
         """Return whether the message arrived at most `timeout_s` ago."""
@@ -26,15 +22,20 @@ class Sticks:
 
 
 @dataclass(slots=True)
-class OffboardSignal:
+class Sticks(Received):
+    """The stick positions in the newest MANUAL_CONTROL."""
+
+    forward: float = 0.0  # -1 … 1
+    right: float = 0.0  # -1 … 1
+    throttle: float = 0.0  # 0 … 1, 0.5 = hold altitude in the assisted modes
+    yaw: float = 0.0  # -1 … 1, positive clockwise
+
+
+@dataclass(slots=True)
+class OffboardSignal(Received):
     """The newest valid offboard setpoint. It is stored in every mode, not only in OFFBOARD."""
 
-    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
     setpoint: CascadeSetpoint = field(default_factory=CascadeSetpoint)
-
-    def fresh(self, now_us: int, timeout_s: float) -> bool:
-        """Return whether the setpoint arrived at most `timeout_s` ago."""
-        return self.time_us >= 0 and now_us - self.time_us <= timeout_s * 1e6
 
     def supported(self, state: EstimatedState) -> bool:
         """Return whether the estimate of the quantity in the setpoint is valid (PX4 offboardCheck)."""
@@ -47,10 +48,9 @@ class OffboardSignal:
 
 
 @dataclass(slots=True)
-class FollowedTarget:
+class FollowedTarget(Received):
     """The newest FOLLOW_TARGET."""
 
-    time_us: int = -1  # µs of arrival, vehicle clock; -1 = never
     position_ned: Vec3 = (math.nan, math.nan, math.nan)  # m, local frame
     velocity_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s; zero when the sender does not know it
 
