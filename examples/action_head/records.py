@@ -14,8 +14,8 @@ from episodes.authoring.processes import process_map
 from episodes.authoring.propose.proposals import RecordRequest, propose
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
-from examples.action_head import script
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 
 CELLS = ("approaching", "searching", "tracking", "search-and-track")  # kinds of task in the benchmark
 FIRST_ID = 11  # ids continue after the ten shipped records of each cell
@@ -68,10 +68,11 @@ def write(out: Path, share: float, jobs: int) -> int:
         must_be_new(batch)
         for record in batch:
             folder = out / f"{record.map_seed:02d}-{record.map}"
-            script.make_folder(folder)
+            with file_errors_as(UsageError, f"'{folder}' cannot be created", "."):
+                folder.mkdir(parents=True, exist_ok=True)
             (folder / f"{record.id}.json").write_text(record.to_json(), encoding="utf-8")
             count += 1
-        script.print_line(f"{count} records; {batch[-1].id}: {batch[-1].instruction}")
+        print(f"{count} records; {batch[-1].id}: {batch[-1].instruction}", flush=True)
     return count
 
 

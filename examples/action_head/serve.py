@@ -7,7 +7,6 @@ from pathlib import Path
 
 from dronecats.cli.exit_status import exit_status
 from dronecats.pilots.server import PilotServer
-from examples.action_head import script
 from examples.action_head.pilot import pilot
 from foundation.errors import UsageError
 
@@ -38,7 +37,7 @@ def main(words: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
     with server(args.head, args.port, args.threads) as serving:
-        script.print_line(f"--model local/{NAME} --base-url {serving.base_url}")
+        print(f"--model local/{NAME} --base-url {serving.base_url}", flush=True)
         ended.wait()
     return 0
 

@@ -6,10 +6,10 @@ from dataclasses import asdict
 from pathlib import Path
 
 from dronecats.cli.exit_status import exit_status
-from examples.action_head import script
 from examples.action_head.settings import Shape, Training
 from foundation import extras
 from foundation.errors import UsageError
+from foundation.files import file_errors_as
 from foundation.protocol import FINISHED
 
 
@@ -21,11 +21,12 @@ def train(folder: Path, out: Path, training: Training) -> None:
     from examples.action_head.fit import fit, judged
     from examples.action_head.network import save
 
-    script.make_folder(out.parent)
+    with file_errors_as(UsageError, f"'{out.parent}' cannot be created", "."):
+        out.parent.mkdir(parents=True, exist_ok=True)
     begun = time.monotonic()
     data = dataset.read(folder)
     flights = len(set(data.flights.tolist()))
-    script.print_line(f"{len(data)} decisions of {flights} flights, {int(data.held_out.sum())} of them held out")
+    print(f"{len(data)} decisions of {flights} flights, {int(data.held_out.sum())} of them held out", flush=True)
     if data.held_out.all():
         raise UsageError(f"{folder} has only held-out flights. Fly more, to have flights to learn from.")
     if not (data.held_out & (data.kinds == KINDS.index(FINISHED))).any():
@@ -34,19 +35,20 @@ def train(folder: Path, out: Path, training: Training) -> None:
         )
 
     def report(epoch: int, loss: float) -> None:
-        script.print_line(f"epoch {epoch + 1}/{training.epochs}: loss {loss:.3f}, {time.monotonic() - begun:.0f} s")
+        print(f"epoch {epoch + 1}/{training.epochs}: loss {loss:.3f}, {time.monotonic() - begun:.0f} s", flush=True)
 
     head = fit(data, Shape(), training, report)
     result = judged(head, data)
     assert result is not None  # `judged` returns None only if no held-out flight arrives
-    script.print_line(
+    print(
         f"held out: {result.right_kind:.0%} right actions of {result.decisions}, points off by"
         f" {result.point_error:.1%} of the width and depths by a factor of {result.depth_factor:.2f} (medians); with"
         f" the threshold {result.declares_at:g}, {result.declared:.0%} of the arrivals are declared and"
-        f" {result.precise:.0%} of the declarations are true"
+        f" {result.precise:.0%} of the declarations are true",
+        flush=True,
     )
     save(out, head, result.declares_at, {"flights": flights, "training": asdict(training), "held_out": asdict(result)})
-    script.print_line(f"{out}, {time.monotonic() - begun:.0f} s")
+    print(f"{out}, {time.monotonic() - begun:.0f} s", flush=True)
 
 
 def main(words: list[str] | None = None) -> int:

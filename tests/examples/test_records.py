@@ -50,3 +50,11 @@ def test_invalid_shares_and_job_counts_are_rejected(tmp_path):
         with pytest.raises(UsageError, match=words[0]):
             records.main(["--out", str(tmp_path / "out"), *words])
         assert not (tmp_path / "out").exists(), words
+
+
+def test_an_output_folder_that_cannot_be_created_is_reported(monkeypatch, tmp_path):
+    record = replace(catalogue.load("residential-approaching-01"), map_seed=2, seed=5, instruction="Go elsewhere.")
+    monkeypatch.setattr(records, "process_map", lambda *_: [[record]])
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UsageError, match="file/out"):
+        records.write(tmp_path / "file" / "out", 1.0, 1)
