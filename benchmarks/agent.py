@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -180,17 +180,12 @@ class Memory:
     def _watch(self) -> None:
         us = psutil.Process()
         while not self._over.wait(0.5):
-            held = [h for h in map(_held, [us, *us.children(recursive=True)]) if h]
-            self.rss, self.pss = max(self.rss, sum(h[0] for h in held)), max(self.pss, sum(h[1] for h in held))
-
-
-def _held(process: psutil.Process) -> tuple[int, int] | None:
-    """Return (RSS, PSS) of a process in bytes; None after its end."""
-    try:
-        full = process.memory_full_info()
-    except psutil.Error:
-        return None
-    return full.rss, full.pss
+            rss = pss = 0
+            for process in (us, *us.children(recursive=True)):
+                with suppress(psutil.Error):  # the process has ended
+                    full = process.memory_full_info()
+                    rss, pss = rss + full.rss, pss + full.pss
+            self.rss, self.pss = max(self.rss, rss), max(self.pss, pss)
 
 
 def in_flight(jobs: int, seconds: float) -> dict[str, Any]:

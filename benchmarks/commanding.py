@@ -9,8 +9,9 @@ seconds and only checks that everything runs.
 
 import json
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import fmean
 from typing import Literal, get_args
 
 from benchmarks.machine import benchmark_parser
@@ -72,23 +73,11 @@ def table(by_mode: dict[str, list[CommandedFlight]]) -> str:
     for mode, flights in by_mode.items():
         solved = sum(flight.outcome == "success" for flight in flights)
         tokens = [flight.question_tokens for flight in flights if flight.question_tokens is not None]
-        means = [
-            sum(values) / len(flights)
-            for values in (
-                [flight.declarations for flight in flights],
-                [flight.steps for flight in flights],
-                [flight.seconds for flight in flights],
-                [flight.questions for flight in flights],
-            )
-        ]
+        names = ("declarations", "steps", "seconds", "questions", "commanded", "commanded_tokens")
+        *means, commanded, commanded_tokens = (fmean(getattr(flight, name) for flight in flights) for name in names)
         numbers = " | ".join(f"{mean:.1f}" for mean in means)
-        cost = f"{sum(tokens) / len(tokens):.0f}" if tokens else "–"
-        commanded = sum(flight.commanded for flight in flights) / len(flights)
-        above = (
-            f"{commanded:.1f} | {sum(flight.commanded_tokens for flight in flights) / len(flights):.0f}"
-            if commanded
-            else "– | –"
-        )
+        cost = f"{fmean(tokens):.0f}" if tokens else "–"
+        above = f"{commanded:.1f} | {commanded_tokens:.0f}" if commanded else "– | –"
         lines.append(f"| {mode} | {solved}/{len(flights)} | {numbers} | {cost} | {above} |")
     return "\n".join(lines)
 
@@ -110,14 +99,10 @@ def main() -> int:
             flight = fly_commanded(mode, episode, args.pilot, args.drones, args.seconds)
             by_mode[mode].append(flight)
             if args.json:
-                print(json.dumps({"episode": episode, "command": mode, **_plain(flight)}), flush=True)
+                print(json.dumps({"episode": episode, "command": mode, **asdict(flight)}), flush=True)
     if not args.json:
         print(table(by_mode))
     return 0
-
-
-def _plain(flight: CommandedFlight) -> dict[str, object]:
-    return {name: getattr(flight, name) for name in flight.__dataclass_fields__}
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from episodes.records import catalogue
 from episodes.records.record import StartPose
 from episodes.world.obstacles import obstacles
 from episodes.world.world import World
-from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, quat_yaw, wrap_pi
+from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, quat_yaw, rotate, wrap_pi
 from foundation.mavlink import dialect
 from foundation.setpoints import Velocity
 from foundation.terrain import Obstacles
@@ -208,16 +208,13 @@ class Pose(NamedTuple):
 
 def lean_deg(attitude: NDArray[np.float64]) -> float:
     """Return the angle between the vehicle's down axis and the vertical."""
-    _, x, y, _ = attitude
-    return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * float(x**2 + y**2)))))
+    return between_axes_deg(attitude, np.array((1.0, 0.0, 0.0, 0.0)))
 
 
 def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return the angle between the down axes of two attitudes with almost the same heading."""
-    (w, x, y, z), (a, b, c, d) = first, second
-    down = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
-    other_down = np.array([2 * (b * d + a * c), 2 * (c * d - a * b), 1 - 2 * (b**2 + c**2)])
-    return math.degrees(math.acos(max(-1.0, min(1.0, float(down @ other_down)))))
+    down, other_down = (rotate(tuple(attitude.tolist()), (0.0, 0.0, 1.0)) for attitude in (first, second))
+    return math.degrees(math.acos(max(-1.0, min(1.0, float(np.dot(down, other_down))))))
 
 
 class BackOffStart(NamedTuple):

@@ -24,6 +24,7 @@ import argparse
 import contextlib
 import itertools
 import json
+import math
 import statistics
 import tempfile
 import threading
@@ -162,8 +163,12 @@ class Pilot(threading.Thread):
         if origin is None:
             raise LinkError("the autopilot sends no origin")
         lat, lon, alt = ned_to_geodetic(*origin, *place)
-        nan = float("nan")
-        self._reposition(lat, lon, alt, nan)
+        self._order_us = self.client.time_us
+        message = dialect.MAVLink_command_int_message(
+            self.client.system, self.client.component, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_DO_REPOSITION, 0, 0,
+            -1.0, 1.0, 0.0, math.nan, round(lat * 1e7), round(lon * 1e7), alt,
+        )  # fmt: skip
+        self.client.send(message)
 
         def is_there(state: VehicleState) -> bool:
             there, speed = state.position_ned, state.velocity_ned
@@ -173,14 +178,6 @@ class Pilot(threading.Thread):
             return off < NEAR_M and max(map(abs, speed)) < SLOW_MPS
 
         self.client.wait_for(is_there, 60.0, "flying to a place")
-
-    def _reposition(self, lat: float, lon: float, alt: float, yaw: float) -> None:
-        self._order_us = self.client.time_us
-        message = dialect.MAVLink_command_int_message(
-            self.client.system, self.client.component, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_DO_REPOSITION, 0, 0,
-            -1.0, 1.0, 0.0, yaw, round(lat * 1e7), round(lon * 1e7), alt,
-        )  # fmt: skip
-        self.client.send(message)
 
     def _land(self) -> None:
         if not self.client.state.armed:

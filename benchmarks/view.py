@@ -11,7 +11,6 @@ delivery, divided by the median of flights whose logger does not flush. The two 
 
 import math
 import re
-import socket
 import statistics
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 from benchmarks.machine import Machine, benchmark_parser, print_figures, process_cpu_s
 from dronecats.cli.exit_status import exit_status
@@ -97,18 +97,8 @@ def _key(quaternion: Any) -> tuple[float, ...]:
 
 def viewer_of(pid: int) -> int:
     """Return the id of the process that serves the page of a command. Raises StopIteration if there is none."""
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    for child in children:
-        if b"viewer_process" in Path(f"/proc/{child}/cmdline").read_bytes():
-            return int(child)
-    raise StopIteration
-
-
-def free_port() -> int:
-    """Return a free port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    children = psutil.Process(pid).children()
+    return next(child.pid for child in children if "viewer_process" in " ".join(child.cmdline()))
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
@@ -135,9 +125,7 @@ def figures(scratch: Path, seconds: float) -> dict[str, Any]:
     machine, run = Machine(), scratch / "run"
     words = ["fly", "--sitl", "--pilot", "oracle", "--full", "--episode", EPISODE, "--out", str(run)]
     command = subprocess.Popen(
-        [sys.executable, "-m", "dronecats.cli.main", *words, "--view", "--view-port", str(free_port())],
-        stdout=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-m", "dronecats.cli.main", *words, "--view"], stdout=subprocess.PIPE, text=True
     )
     written = Written(run / EPISODE)
     try:
