@@ -29,9 +29,10 @@ from typing import Any
 
 import psutil
 
-from autopilot.records import FREE, NAN, CascadeSetpoint
+from autopilot.records import NAN, CascadeSetpoint
 from benchmarks import flight_peers
 from benchmarks.machine import Machine, benchmark_parser, print_figures
+from dronecats.flight.run.ascent import StartOffset, ascend
 from dronecats.flight.sitl.pace import RateKeeper
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle, Simulation
 from dronecats.flight.stages.lockstep import Lockstep
@@ -77,30 +78,45 @@ def simulation(count: int, seed: int) -> Simulation[SimulatedVehicle]:
 class CoreFlight:
     """Plant and autopilot without open ports. Setpoints go to the commander directly, not by MAVLink."""
 
-    def __init__(self, seed: int) -> None:
-        self.vehicle = simulation(1, seed).vehicles[0]
-        commander = self.vehicle.autopilot.commander
-        while commander.arming_failures() and self.vehicle.time_us < 60_000_000:
-            self.vehicle.advance()
-        for _ in range(300):
-            self.vehicle.advance()
-        commander.take_off(-HEIGHT_M)
+    def __init__(self, vehicle: SimulatedVehicle, height_m: float) -> None:
+        """Take off and climb for 15 s."""
+        self.vehicle = vehicle
+        commander = vehicle.autopilot.commander
+        while commander.arming_failures() and vehicle.time_us < 60_000_000:
+            vehicle.advance()
+        for _ in range(500):
+            vehicle.advance()
+        commander.take_off(-height_m)
         commander.arm()
-        for _ in range(1000):
-            self.vehicle.advance()
-        self._stream(0)
-        commander.set_mode("OFFBOARD")
-        self.vehicle.advance()
+        for _ in range(1500):
+            vehicle.advance()
+
+    def stream(self, setpoint: CascadeSetpoint) -> None:
+        """Send a setpoint to the commander."""
+        offboard = self.vehicle.autopilot.commander.flight.offboard
+        offboard.setpoint, offboard.time_us = setpoint, self.vehicle.autopilot.state.time_us
+
+    def check(self) -> None:
+        """Raise RuntimeError if the vehicle does not fly offboard."""
+        commander = self.vehicle.autopilot.commander
         if commander.mode != "OFFBOARD" or commander.landed:
-            raise RuntimeError(f"the vehicle does not fly: mode {commander.mode}, landed {commander.landed}")
+            name = self.vehicle.plant.airframe.name
+            raise RuntimeError(f"{name} does not fly: mode {commander.mode}, landed {commander.landed}")
+
+
+class SteppedFlight(CoreFlight):
+    """An X500 that flies the task."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(simulation(1, seed).vehicles[0], HEIGHT_M)
+        self._stream(0)
+        self.vehicle.autopilot.commander.set_mode("OFFBOARD")
+        self.vehicle.advance()
+        self.check()
 
     def _stream(self, step: int) -> None:
-        offboard = self.vehicle.autopilot.commander.flight.offboard
         north, east = STEPS_NED[step % len(STEPS_NED)]
-        offboard.setpoint = CascadeSetpoint(
-            position_ned=(NAN, NAN, -HEIGHT_M), velocity_ned=(north, east, NAN), acceleration_ned=FREE, yaw=0.0
-        )
-        offboard.time_us = self.vehicle.autopilot.state.time_us
+        self.stream(CascadeSetpoint(position_ned=(NAN, NAN, -HEIGHT_M), velocity_ned=(north, east, NAN), yaw=0.0))
 
     def fly(self, seconds: float) -> None:
         """Advance, with a setpoint every 50 ms."""
@@ -108,8 +124,7 @@ class CoreFlight:
             if tick % 5 == 0:
                 self._stream(int(tick * TICK_US / 1e6 / STEP_S))
             self.vehicle.advance()
-        if self.vehicle.autopilot.commander.mode != "OFFBOARD":
-            raise RuntimeError("the vehicle fell out of offboard")
+        self.check()
 
     def run(self, seconds: float) -> Stretch:
         return stretch(lambda: self.vehicle.time_us, self.fly, seconds)
@@ -123,25 +138,14 @@ class LinkedFlight:
 
     def __init__(self, count: int, seed: int, profile: str = "minimal") -> None:
         self.clock = Lockstep(simulation(count, seed))
-        self.links = [Link(self.clock.transport(i, profile)) for i in range(count)]
+        self.links = [Link(self.clock.transport(i, profile), simulated=True) for i in range(count)]
         self.messages = 0
         for link in self.links:
             link.on_wait = partial(self._keep_up_others, link)
-        for link in self.links:
-            link.connect()
-            link.listeners.append(self._count)
-        for link in self.links:
-            link.wait_for(lambda state: state.healthy, 60.0, "getting ready")
-        for i, link in enumerate(self.links):
-            link.arm()
-            link.set_mode("TAKEOFF")
-            link.wait_for(lambda state: state.landed is False, 15.0, f"take-off of vehicle {i}")
-        for link in self.links:
-            link.wait_for(lambda s: s.position_ned is not None and s.position_ned[2] < -1.5, 20.0, "climbing")
-            link.fly(Hold())
-            link.start_offboard()
+        ascend(self.links, [StartOffset((0.0, 0.0, -HEIGHT_M), None)] * count, lambda line: None)
         for link in self.links:  # from now on `fly` ticks them all in turn
             link.on_wait = lambda: None
+            link.listeners.append(self._count)
 
     def _keep_up_others(self, waiting: Link) -> None:
         for link in self.links:
@@ -272,7 +276,7 @@ def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
         "task": "hover and 1 m/s steps",
     }
     machine = Machine()
-    core = CoreFlight(1)
+    core = SteppedFlight(1)
     results |= figures("core", [core.run(seconds) for _ in range(repeat)])
     linked = LinkedFlight(1, 1)
     linked.messages = 0

@@ -22,10 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.records import FREE, NAN, CascadeSetpoint
+from autopilot.records import NAN, CascadeSetpoint
+from benchmarks.flight import CoreFlight
 from benchmarks.machine import benchmark_parser
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
-from foundation.frames import PX4_HOME, quat_yaw, wrap_pi
+from foundation.frames import PX4_HOME, quat_yaw, vec3, wrap_pi
 from vehicles import airframe
 
 Array = NDArray[np.float64]
@@ -58,42 +59,22 @@ STEPS = (
 )
 
 
-class Flight:
+class Flight(CoreFlight):
     """One simulated vehicle in offboard mode at HEIGHT_M, over flat ground in still air."""
 
     def __init__(self, name: str, seed: int) -> None:
         """Boot, take off and settle. Raises RuntimeError when it does not fly."""
-        self.vehicle = SimulatedVehicle(
-            0, airframe.load(name), BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=PX4_HOME
-        )
-        commander = self.vehicle.autopilot.commander
-        while commander.arming_failures() and self.vehicle.time_us < 60_000_000:
-            self.vehicle.advance()
-        for _ in range(500):
-            self.vehicle.advance()
-        commander.take_off(-HEIGHT_M)
-        commander.arm()
-        for _ in range(1500):
-            self.vehicle.advance()
+        pose = BootPose((0.0, 0.0, 0.0), 0.0)
+        super().__init__(SimulatedVehicle(0, airframe.load(name), pose, seed=seed, origin=PX4_HOME), HEIGHT_M)
         self.setpoint = self._at()
-        self._stream()
-        commander.set_mode("OFFBOARD")
+        self.stream(self.setpoint)
+        self.vehicle.autopilot.commander.set_mode("OFFBOARD")
         self.fly(10.0)
-        if commander.mode != "OFFBOARD" or commander.landed:
-            raise RuntimeError(f"{name} does not fly: mode {commander.mode}, landed {commander.landed}")
+        self.check()
 
     def _at(self) -> CascadeSetpoint:
         position = self.vehicle.core.estimate["position_ned"]
-        return CascadeSetpoint(
-            position_ned=(float(position[0]), float(position[1]), float(position[2])),
-            velocity_ned=FREE,
-            acceleration_ned=FREE,
-            yaw=0.0,
-        )
-
-    def _stream(self) -> None:
-        offboard = self.vehicle.autopilot.commander.flight.offboard
-        offboard.setpoint, offboard.time_us = self.setpoint, self.vehicle.autopilot.state.time_us
+        return CascadeSetpoint(position_ned=vec3(position), yaw=0.0)
 
     def fly(self, seconds: float) -> Array:
         """Fly; return a row per tick.
@@ -104,7 +85,7 @@ class Flight:
         truth = self.vehicle.plant.truth
         for tick in range(len(rows)):
             if tick % STREAM_TICKS == 0:
-                self._stream()
+                self.stream(self.setpoint)
             self.vehicle.advance()
             rows[tick, :3], rows[tick, 3] = truth["position_ned"], truth["velocity_ned"][0]
             rows[tick, 4] = quat_yaw(tuple(truth["attitude"].tolist()))
