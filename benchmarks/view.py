@@ -98,7 +98,7 @@ def _key(quaternion: Any) -> tuple[float, ...]:
 def viewer_of(pid: int) -> int:
     """Return the id of the process that serves the page of a command. Raises StopIteration if there is none."""
     children = psutil.Process(pid).children()
-    return next(child.pid for child in children if "viewer_process" in " ".join(child.cmdline()))
+    return int(next(child.pid for child in children if "viewer_process" in " ".join(child.cmdline())))
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:

@@ -9,7 +9,7 @@ client's upload is cancelled after 5 s, as in PX4.
 """
 
 import struct
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -106,9 +106,11 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
-PARAMETERS_PER_TICK = 18  # listed parameters sent per tick, so 1800 a second at 100 ticks a second; PX4 sends 1000
-TRANSFERS_PER_TICK = 20  # messages of each download, so a log is sent at 180 kB/s with 100 ticks a second
-TRANSFER_BACKLOG = 200  # queued messages; downloads pause while there are as many or more
+PARAMETERS = "parameters"  # name of the transfer of the parameter list
+# messages of each transfer per tick: with 100 ticks a second, a log is sent at 180 kB/s
+TRANSFERS_PER_TICK = 20
+PARAMETERS_PER_TICK = 18  # 1800 a second; PX4 sends 1000
+TRANSFER_BACKLOG = 200  # queued messages; transfers other than parameters pause while there are as many or more
 FASTEST_US = 1_000  # least interval of a stream
 ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
 QUEUE_LIMIT = 20_000  # messages; a longer queue, whose client reads nothing, loses its oldest half
@@ -124,7 +126,7 @@ class Port:
         self.profile = profile
         self.received = 0  # number of decoded messages
         self.lost = 0  # number of messages that could not be encoded, or were dropped from a full queue
-        self.transfers: dict[str, Iterator[Message]] = {}  # service → remaining messages of its download
+        self.transfers: dict[str, Iterator[Message]] = {}  # service → remaining messages of its transfer
         self.signing = Signing(number)
         self._node, self._handle = node, handle
         self._parser = Parser()
@@ -133,7 +135,6 @@ class Port:
         self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
         self._next_due_us = 0  # earliest due time of all streams
         self.shortest_us = 1_000_000  # interval of the fastest stream
-        self._parameters: Iterator[Message] | None = None  # remaining messages of the parameter list
         for stream in TABLE:
             self.set_default_interval(stream.message_id)
 
@@ -233,16 +234,10 @@ class Port:
         stream = self._streams.get(message_id)
         return stream[1] if stream is not None else -1
 
-    def list_parameters(self, values: Iterable[Message]) -> None:
-        """Start to send every parameter, a few per tick."""
-        self._parameters = iter(values)
-
     def tick(self, now: int) -> None:
         """Queue the messages that are due at `now` (µs)."""
         if now >= self._next_due_us:
             self._send_due(now)
-        if self._parameters is not None:
-            self._send_parameters(self._parameters)
         if self.transfers:
             self._send_transfers()
 
@@ -267,22 +262,13 @@ class Port:
 
     def _send_transfers(self) -> None:
         for service, messages in list(self.transfers.items()):
-            for _ in range(TRANSFERS_PER_TICK):
-                if len(self._out) >= TRANSFER_BACKLOG:
-                    return
+            most = min(TRANSFERS_PER_TICK, TRANSFER_BACKLOG - len(self._out))
+            for _ in range(PARAMETERS_PER_TICK if service == PARAMETERS else most):
                 message = next(messages, None)
                 if message is None:
                     self.transfers.pop(service, None)
                     break
                 self.send(message)
-
-    def _send_parameters(self, values: Iterator[Message]) -> None:
-        for _ in range(PARAMETERS_PER_TICK):
-            message = next(values, None)
-            if message is None:
-                self._parameters = None
-                return
-            self.send(message)
 
 
 RETRY_US = 250_000
