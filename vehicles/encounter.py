@@ -104,18 +104,9 @@ def _note_contact(state: Record, near: Record, closing: float, tick_s: float) ->
 
 
 @njit(cache=True)
-def _push_apart(
-    params: Record,
-    state: Record,
-    near: Record,
-    size: float,
-    others: Record,
-    other: Record,
-    other_near: Record,
-    other_size: float,
-    tick_s: float,
-) -> bool:
+def _push_apart(plant: Record, size: float, other_plant: Record, other_size: float, tick_s: float) -> bool:
     """Add the contact to both vehicles' external forces and torques; return whether they touch within the tick."""
+    params, state, others, other = plant.params, plant.state, other_plant.params, other_plant.state
     p, q, v, u = state.position, other.position, state.velocity, other.velocity
     gap = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
     speed = (v[0] - u[0], v[1] - u[1], v[2] - u[2])
@@ -135,8 +126,8 @@ def _push_apart(
     if closing > HIT_LEAST:
         _note(params, state, closing, arm)
         _note(others, other, closing, other_arm)
-    _note_contact(state, near, closing, tick_s)
-    _note_contact(other, other_near, closing, tick_s)
+    _note_contact(state, plant.near, closing, tick_s)
+    _note_contact(other, other_plant.near, closing, tick_s)
     press = max(leaving + closing, 0.0) / (1.0 / params.mass + 1.0 / others.mass) / tick_s
     x, y, z = x + closing * normal[0], y + closing * normal[1], z + closing * normal[2]
     sliding = math.sqrt(x * x + y * y + z * z)
@@ -159,19 +150,7 @@ def _mobility(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
 
 def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
     """Add the forces of a contact in the coming tick to both vehicles. Return whether they touch."""
-    return bool(
-        _push_apart(
-            one.params,
-            one.state,
-            one.near,
-            bounding_radius(one),
-            other.params,
-            other.state,
-            other.near,
-            bounding_radius(other),
-            tick_s,
-        )
-    )
+    return bool(_push_apart(one.record, bounding_radius(one), other.record, bounding_radius(other), tick_s))
 
 
 @dataclass(frozen=True, slots=True)

@@ -220,7 +220,7 @@ def step(plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> No
     state.upside_down = 1 if upright < 0.0 else 0
     state.time_us += STEP_US
 
-    sample(params, plant.suite, plant.memory, faults, state, down, plant.solids, triangles, plant.sensors)
+    sample(plant, down, triangles)
     _write_truth(state, plant.truth)
 
 

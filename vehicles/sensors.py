@@ -379,48 +379,29 @@ def _satellite_delivery(suite: Record, memory: Record, now: int, sensors: Record
 
 
 @njit(cache=True)
-def _rangefinder(
-    params: Record,
-    suite: Record,
-    memory: Record,
-    faults: Record,
-    state: Record,
-    attitude: Quat,
-    down: Grid,
-    solids: Record,
-    triangles: SolidTriangles,
-    sensors: Record,
-) -> None:
+def _rangefinder(plant: Record, attitude: Quat, down: Grid, triangles: SolidTriangles) -> None:
     """Measure along the body's down axis, to a solid or to a level plane at the ground's height below the vehicle."""
+    suite, faults, state, solids, sensors = plant.suite, plant.faults, plant.state, plant.solids, plant.sensors
     fault, row = active(faults, RANGE, state.time_us)
     if fault == FAIL:
         return
     sensors.range_time_us = sensors.time_us = state.time_us
     if fault == FREEZE:
         return
-    z, _, _ = surface(params, down, state.position[0], state.position[1])
+    z, _, _ = surface(plant.params, down, state.position[0], state.position[1])
     tilt = 1.0 - 2.0 * (attitude[1] ** 2 + attitude[2] ** 2)  # cosine
     distance = (z - state.position[2]) / tilt if tilt > 0.1 else math.inf
     if solids.here != 0:
         eye, way = (state.position[0], state.position[1], state.position[2]), rotate(attitude, (0.0, 0.0, 1.0))
         distance = min(distance, first_solid(solids, triangles, state.time_us, eye, way, suite.range_max_m))
-    noise = suite.range_noise_m * normal(memory.rng) + (faults.value[row, 0] if fault == BIAS else 0.0)
+    noise = suite.range_noise_m * normal(plant.memory.rng) + (faults.value[row, 0] if fault == BIAS else 0.0)
     sensors.range_m = max(distance + noise, 0.0) if distance <= suite.range_max_m else math.nan
 
 
 @njit(cache=True)
-def sample(
-    params: Record,
-    suite: Record,
-    memory: Record,
-    faults: Record,
-    state: Record,
-    down: Grid,
-    solids: Record,
-    triangles: SolidTriangles,
-    sensors: Record,
-) -> None:
-    """Write every sample that is due at the vehicle's time into `sensors`."""
+def sample(plant: Record, down: Grid, triangles: SolidTriangles) -> None:
+    """Write every sample that is due at the vehicle's time into the plant's `sensors`."""
+    suite, memory, faults, state, sensors = plant.suite, plant.memory, plant.faults, plant.state, plant.sensors
     now = state.time_us
     attitude = (state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3])
     _integrate(suite, memory, state)
@@ -443,11 +424,11 @@ def sample(
         _satellite_delivery(suite, memory, now, sensors)
     if now >= memory.range_next_us and suite.range_max_m > 0.0:
         memory.range_next_us += suite.range_period_us
-        _rangefinder(params, suite, memory, faults, state, attitude, down, solids, triangles, sensors)
+        _rangefinder(plant, attitude, down, triangles)
     if now >= memory.battery_next_us:
         memory.battery_next_us += BATTERY_PERIOD_US
         sensors.battery_voltage = state.voltage
         sensors.battery_current = state.current
-        sensors.battery_remaining = min(max(state.charge_ah / params.capacity_ah, 0.0), 1.0)
+        sensors.battery_remaining = min(max(state.charge_ah / plant.params.capacity_ah, 0.0), 1.0)
         sensors.battery_time_us = now
         sensors.time_us = now

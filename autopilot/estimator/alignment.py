@@ -29,16 +29,13 @@ def clear(state: Record, time_us: int) -> None:
 
 
 @njit(cache=True)
-def collect_imu(state: Record, ax: float, ay: float, az: float, gx: float, gy: float, gz: float) -> None:
-    """Add one inertial sample to the window."""
+def collect_imu(state: Record, accel: Grid, gyro: Grid) -> None:
+    """Add one inertial sample (m/s² and rad/s, FRD) to the window."""
     state.align_count += 1
-    state.align_accel[0] += ax
-    state.align_accel[1] += ay
-    state.align_accel[2] += az
-    state.align_gyro[0] += gx
-    state.align_gyro[1] += gy
-    state.align_gyro[2] += gz
-    state.align_gyro_squared += gx * gx + gy * gy + gz * gz
+    for i in range(3):
+        state.align_accel[i] += accel[i]
+        state.align_gyro[i] += gyro[i]
+    state.align_gyro_squared += gyro[0] * gyro[0] + gyro[1] * gyro[1] + gyro[2] * gyro[2]
 
 
 @njit(cache=True)

@@ -19,17 +19,7 @@ from foundation.compiled import Grid, Record, njit
 
 
 @njit(cache=True)
-def propagate(
-    P: Grid,
-    q: Grid,
-    impulse: Grid,
-    dt: float,
-    gyro_noise: float,
-    accel_noise: float,
-    gyro_bias_walk: float,
-    accel_bias_walk: float,
-    mag_bias_walk: float,
-) -> None:
+def propagate(params: Record, P: Grid, q: Grid, impulse: Grid, dt: float) -> None:
     """Replace P by F P Fᵀ + Q over dt seconds; `impulse` (3,) is ∫ specific force (NED) over that time, m/s."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     r00, r01, r02 = dt * (1 - 2 * (y * y + z * z)), dt * 2 * (x * y - w * z), dt * 2 * (x * z + w * y)
@@ -62,17 +52,18 @@ def propagate(
         P[i, 0] = tx - (r00 * gx + r01 * gy + r02 * gz)
         P[i, 1] = ty - (r10 * gx + r11 * gy + r12 * gz)
         P[i, 2] = tz - (r20 * gx + r21 * gy + r22 * gz)
-    q_attitude = gyro_noise * gyro_noise * dt
-    q_velocity = accel_noise * accel_noise * dt
-    q_gyro = gyro_bias_walk * gyro_bias_walk * dt
-    q_accel = accel_bias_walk * accel_bias_walk * dt
+    q_attitude = params.gyro_noise * params.gyro_noise * dt
+    q_velocity = params.accel_noise * params.accel_noise * dt
+    q_gyro = params.gyro_bias_walk * params.gyro_bias_walk * dt
+    q_accel = params.accel_bias_walk * params.accel_bias_walk * dt
     for i in range(3):
         P[i, i] += q_attitude
         P[3 + i, 3 + i] += q_velocity
         P[9 + i, 9 + i] += q_gyro
         P[12 + i, 12 + i] += q_accel
-    for i in range(MOTION, STATES):
-        P[i, i] += mag_bias_walk * mag_bias_walk * dt
+    if params.mag_bias_std > 0.0:
+        for i in range(MOTION, STATES):
+            P[i, i] += params.mag_bias_walk * params.mag_bias_walk * dt
 
 
 @njit(cache=True)

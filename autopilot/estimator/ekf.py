@@ -62,11 +62,7 @@ def strapdown(state: Record, ax: float, ay: float, az: float, gx: float, gy: flo
 @njit(cache=True)
 def predict_covariance(params: Record, state: Record, P: Grid, history: Grid) -> None:
     """Propagate the covariance over the time since the last call, and add an entry to `history`."""
-    propagate(
-        P, state.attitude, state.impulse, state.impulse_dt,
-        params.gyro_noise, params.accel_noise, params.gyro_bias_walk, params.accel_bias_walk,
-        params.mag_bias_walk if params.mag_bias_std > 0.0 else 0.0,
-    )  # fmt: skip
+    propagate(params, P, state.attitude, state.impulse, state.impulse_dt)
     state.impulse_dt = 0.0
     if state.shocked:  # larger variances, so that the gates accept the first fixes after the impact
         state.shocked = 0
@@ -111,22 +107,11 @@ def fuse_aiding_sensors(params: Record, state: Record, P: Grid, history: Grid, s
 
 
 @njit(cache=True)
-def collect_alignment_samples(
-    params: Record,
-    state: Record,
-    P: Grid,
-    sensors: Record,
-    ax: float,
-    ay: float,
-    az: float,
-    gx: float,
-    gy: float,
-    gz: float,
-) -> None:
+def collect_alignment_samples(params: Record, state: Record, P: Grid, sensors: Record) -> None:
     """Add the new samples to the alignment window, and align if the window is complete."""
     if state.align_since_us == 0:
         clear(state, state.time_us)
-    collect_imu(state, ax, ay, az, gx, gy, gz)
+    collect_imu(state, sensors.accel_frd, sensors.gyro_frd)
     if sensors.mag_time_us != state.mag_time_us:
         state.mag_time_us = sensors.mag_time_us
         m = sensors.mag_frd
@@ -211,7 +196,7 @@ def update(
     gx, gy, gz = g[0] - b[0], g[1] - b[1], g[2] - b[2]
     ax, ay, az = a[0] - c[0], a[1] - c[1], a[2] - c[2]
     if state.status == STATUS_ALIGNING:
-        collect_alignment_samples(params, state, P, sensors, a[0], a[1], a[2], g[0], g[1], g[2])
+        collect_alignment_samples(params, state, P, sensors)
     else:
         strapdown(state, ax, ay, az, gx, gy, gz, min(max(dt, 0.0), 0.05))
         if max(abs(a[0]), abs(a[1]), abs(a[2])) >= params.accel_clip:

@@ -282,7 +282,11 @@ def test_sparse_propagation_equals_the_dense_product():
     noise = np.append(np.repeat([1.0, 4.0, 0.0, 9.0, 16.0], 3), [25.0, 25.0]) * dt
     expected = jacobian @ before @ jacobian.T + np.diag(noise)
     after = before.copy()
-    estimator_covariance.propagate(after, np.array(q), impulse, dt, 1.0, 2.0, 3.0, 4.0, 5.0)
+    params = default_parameters()
+    names = ("gyro_noise", "accel_noise", "gyro_bias_walk", "accel_bias_walk", "mag_bias_walk")
+    for name, value in zip(names, (1.0, 2.0, 3.0, 4.0, 5.0), strict=True):
+        params[name] = value
+    estimator_covariance.propagate(params, after, np.array(q), impulse, dt)
     assert after == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
