@@ -188,33 +188,27 @@ def measure(name: str, repeat: int, threads: int, compared_poses: int) -> dict[s
     large = Renderer(scene, LARGE, threads)
     large.render(poses[0])
     ready_s = time.perf_counter() - begun
-    ms_large, cpu_large = frame_ms(large.render, poses, repeat)
+    timings = {"1280x720": frame_ms(large.render, poses, repeat)}
     rss_mb = psutil.Process().memory_info().rss / 1e6
     small = Renderer(scene, SMALL, threads)
-    ms_small, cpu_small = frame_ms(small.render, poses, repeat)
+    timings["640x360"] = frame_ms(small.render, poses, repeat)
     small.close()
     agents = Renderer(scene, SMALL, threads, grain=GRAIN)
 
     def jpeg(pose: CameraPose) -> bytes:
         return encode(agents.picture(pose))
 
-    ms_agent, cpu_agent = frame_ms(jpeg, poses, repeat)
+    timings["agent"] = frame_ms(jpeg, poses, repeat)
     ms_fleet = fleet_ms(jpeg, headings(scene, FLEET, 4.0), 2 * repeat)
     alike = [ssim(agents.picture(pose), reduced(large.picture(pose))) for pose in places(scene, compared_poses)]
     large.close()
     agents.close()
     machine.look()
     return {
-        "ms_1280x720": round(ms_large, 1),
-        "ms_640x360": round(ms_small, 1),
-        "ms_agent": round(ms_agent, 1),
+        **{f"ms_{name}": round(wall_ms, 1) for name, (wall_ms, _) in timings.items()},
         "ms_fleet4_agent": round(ms_fleet, 1),
-        "cpu_ms_1280x720": round(cpu_large, 1),
-        "cpu_ms_640x360": round(cpu_small, 1),
-        "cpu_ms_agent": round(cpu_agent, 1),
-        "cpu_ms_1280x720_per_loop": machine.per_loop(cpu_large),
-        "cpu_ms_640x360_per_loop": machine.per_loop(cpu_small),
-        "cpu_ms_agent_per_loop": machine.per_loop(cpu_agent),
+        **{f"cpu_ms_{name}": round(cpu_ms, 1) for name, (_, cpu_ms) in timings.items()},
+        **{f"cpu_ms_{name}_per_loop": machine.per_loop(cpu_ms) for name, (_, cpu_ms) in timings.items()},
         "ssim_mean": round(statistics.mean(alike), 4),
         "ssim_min": round(min(alike), 4),
         "python_loop_ms": round(machine.loop_ms, 1),

@@ -25,16 +25,12 @@ def attitude(v: TelemetrySource) -> Fields | None:
 
 def attitude_quaternion(v: TelemetrySource) -> Fields | None:
     s = v.state
-    if not s.attitude_valid:
-        return None
-    return (boot_ms(v), *s.attitude, *s.rates_frd)
+    return (boot_ms(v), *s.attitude, *s.rates_frd) if s.attitude_valid else None
 
 
 def local_position_ned(v: TelemetrySource) -> Fields | None:
     s = v.state
-    if not (s.position_valid or s.altitude_valid):
-        return None
-    return (boot_ms(v), *s.position_ned, *s.velocity_ned)
+    return (boot_ms(v), *s.position_ned, *s.velocity_ned) if s.position_valid or s.altitude_valid else None
 
 
 def global_position_int(v: TelemetrySource) -> Fields | None:

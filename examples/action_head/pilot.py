@@ -5,9 +5,8 @@ twice in a row. After five turns or thinks in a row, it flies to another place i
 """
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,15 +62,11 @@ def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str
     return actions.rotate(TURNS_DEG[int(seen.turns.argmax())])
 
 
-class Network(Protocol):
-    """The interface of a network. Tests have their own implementation."""
-
-    def outlook(self, picture: NDArray[np.uint8], words: NDArray[np.float32], past: NDArray[np.float32]) -> Outlook:
-        """Return the outputs for one picture, an instruction's words and the last actions."""
-        ...
+# a network: from one picture, an instruction's words and the last actions to the outputs
+Network = Callable[[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]], Outlook]
 
 
-def pilot(head: Network, declares_at: float) -> Pilot:
+def pilot(network: Network, declares_at: float) -> Pilot:
     """Return the pilot that a server serves. It has no memory, and evaluates one picture at a time.
 
     Each drone of a fleet is handled as if it were alone. The pilot raises UsageError for a request without a picture.
@@ -87,7 +82,7 @@ def pilot(head: Network, declares_at: float) -> Pilot:
         for drone, jpeg in enumerate(pictures):
             past = request.past(drone)
             with turn:
-                seen = head.outlook(features.picture(jpeg), words, features.history(past))
+                seen = network(features.picture(jpeg), words, features.history(past))
             replies.append(decide(seen, past, declares_at))
         return actions.join(replies)
 

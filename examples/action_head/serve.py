@@ -21,7 +21,7 @@ def server(file: Path, port: int, threads: int) -> PilotServer:
 
     torch.set_num_threads(threads)
     head, declares_at = load(file)
-    return PilotServer(pilot(head, declares_at), NAME, port=port)
+    return PilotServer(pilot(head.outlook, declares_at), NAME, port=port)
 
 
 def main(words: list[str] | None = None) -> int:

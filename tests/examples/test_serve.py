@@ -19,22 +19,20 @@ from foundation.errors import UsageError
 from tests.needs import needs
 
 
-class Reddest:
+def reddest(picture, words, past):
     """A head without training: it goes to the reddest place of the picture."""
-
-    def outlook(self, picture, words, past):
-        red = picture[0].astype(int) - picture[1:].max(0)
-        cells = red.reshape(ROWS, 8, COLUMNS, 8).mean((1, 3))
-        heat = (cells == cells.max()).astype(np.float32)
-        arrived = 0.9 * float(past[1])  # it declares on the first picture after a turn
-        return Outlook(
-            np.array([0.95 - arrived, 0.0, 0.0, arrived], np.float32), heat, 6.0, np.zeros(len(TURNS_DEG), np.float32)
-        )
+    red = picture[0].astype(int) - picture[1:].max(0)
+    cells = red.reshape(ROWS, 8, COLUMNS, 8).mean((1, 3))
+    heat = (cells == cells.max()).astype(np.float32)
+    arrived = 0.9 * float(past[1])  # it declares on the first picture after a turn
+    return Outlook(
+        np.array([0.95 - arrived, 0.0, 0.0, arrived], np.float32), heat, 6.0, np.zeros(len(TURNS_DEG), np.float32)
+    )
 
 
 @pytest.fixture
 def served():
-    with PilotServer(pilot(Reddest(), 0.5), serve.NAME) as server:
+    with PilotServer(pilot(reddest, 0.5), serve.NAME) as server:
         yield server
 
 
