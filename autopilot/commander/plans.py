@@ -185,21 +185,6 @@ def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea
     return tuple(result)
 
 
-class Fence:
-    """Keeps the areas of the fence until the plan or the origin changes."""
-
-    def __init__(self) -> None:
-        self._of: tuple[int, float, float] | None = None
-        self._areas: tuple[FenceArea, ...] = ()
-
-    def areas(self, version: int, items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea, ...]:
-        """Return the areas of a fence. `version` identifies the plan."""
-        key = (version, state.origin_lat_deg, state.origin_lon_deg)
-        if key != self._of:
-            self._of, self._areas = key, areas(items, state)
-        return self._areas
-
-
 def breach(place_ned: Vec3, home: Home | None, p: ParameterTable, areas: Iterable[FenceArea]) -> str:
     """Return the limit that a local position breaks: 'height', 'distance' or 'area'; empty if none."""
     if home is not None:

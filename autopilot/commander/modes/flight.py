@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from autopilot.commander.plans import Fence, FenceArea, Home, Plans, breach, home_at, mission_failures
+from autopilot.commander.plans import FenceArea, Home, Plans, areas, breach, home_at, mission_failures
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from autopilot.records import FREE, KIND_TRAJECTORY, CascadeSetpoint
@@ -68,7 +68,8 @@ class FlightContext:
     offboard: OffboardSignal = field(default_factory=OffboardSignal)
     target: FollowedTarget = field(default_factory=FollowedTarget)
     plans: Plans = field(default_factory=Plans)
-    fence: Fence = field(default_factory=Fence)
+    _areas: tuple[FenceArea, ...] = ()  # of the fence, for the plan and the origin in `_areas_of`
+    _areas_of: tuple[int, float, float] | None = None
 
     def height_above_ground(self) -> float:
         """Return the height (m): the downward range if fresh, else above home, else above the local frame's origin."""
@@ -93,7 +94,10 @@ class FlightContext:
         """Return the areas of the geofence; none before the local frame's origin is known."""
         if not self.plans.fence or not self.state.origin_set:
             return ()
-        return self.fence.areas(self.plans.version, self.plans.fence, self.state)
+        key = (self.plans.version, self.state.origin_lat_deg, self.state.origin_lon_deg)
+        if key != self._areas_of:
+            self._areas_of, self._areas = key, areas(self.plans.fence, self.state)
+        return self._areas
 
     def breach(self) -> str:
         """Return the limit of the geofence that the vehicle's position breaks; empty if none."""
