@@ -139,6 +139,11 @@ class Autopilot:
         self.node.find_shortest()
         return port
 
+    def close_port(self, port: Port) -> None:
+        """Remove a port. Raises ValueError if the port is not open."""
+        self.node.ports.remove(port)
+        self.node.find_shortest()
+
     @property
     def reboot_requested(self) -> bool:
         """True if a client has requested a restart. The owner of this object may then replace it by a new one."""

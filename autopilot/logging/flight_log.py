@@ -157,11 +157,6 @@ class FlightLogWriter:
         self._parameters: dict[str, int | float] = {}
         self._suspended = False  # the log could not begin: no new attempt before the next arming
 
-    @property
-    def path(self) -> Path | None:
-        """The log being written, None while there is none."""
-        return self.directory.active
-
     def tick(self) -> None:
         """Begin, continue or end the log."""
         armed, mode = self._vehicle.commander.armed, self._vehicle.parameters["SDLOG_MODE"]

@@ -124,12 +124,11 @@ class Port:
         if profile not in PROFILES:
             raise UsageError(f"Port profile {profile!r} does not exist; choose one of {', '.join(PROFILES)}.")
         self.profile = profile
-        self.received = 0  # number of decoded messages
         self.lost = 0  # number of messages that could not be encoded, or were dropped from a full queue
         self.transfers: dict[str, Iterator[Message]] = {}  # service → remaining messages of its transfer
         self.signing = Signing(number)
         self._node, self._handle = node, handle
-        self._parser = Parser()
+        self.parser = Parser()
         self._packer = Packer(node.system_id, COMPONENT_ID)
         self._out: list[bytes] = []
         self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
@@ -138,23 +137,17 @@ class Port:
         for stream in TABLE:
             self.set_default_interval(stream.message_id)
 
-    @property
-    def bad(self) -> int:
-        """Number of parts of the byte stream that were not a MAVLink message."""
-        return self._parser.bad
-
     def receive(self, data: bytes) -> None:
         """Decode received bytes and handle their messages. Malformed bytes are counted and never raise an error."""
-        before = self._parser.bad
-        for message in self._parser.feed(data):
-            self.received += 1
+        before = self.parser.bad
+        for message in self.parser.feed(data):
             if not self.signing.accepts(message, self._node.time_us):
                 if self.signing.rejected == 1:
                     self._node.send_text(4, "MAVLink message without a valid signature ignored")
                 continue
             self._handle(self, message)
             self._node.send_mode_changes()
-        if before == 0 and self._parser.bad:
+        if before == 0 and self.parser.bad:
             self.note_malformed()
 
     def note_malformed(self) -> None:

@@ -63,7 +63,7 @@ def test_a_mission_from_mavproxy_is_completed(landed_craft: Aircraft) -> None:
     assert places[-1][2] == pytest.approx(start[2], abs=0.3)
     assert [m.seq for m in client.of("MISSION_ITEM_REACHED")] == [0, 1, 2, 3, 4]
     assert client.of("MISSION_CURRENT")[-1].mission_state == dialect.MISSION_STATE_COMPLETE
-    craft.autopilot.node.ports.remove(client.port)
+    craft.autopilot.close_port(client.port)
 
 
 def test_orbit_follow_sticks_and_geofence_in_one_flight(landed_craft: Aircraft) -> None:

@@ -47,7 +47,7 @@ def data(log: ULog, topic: str) -> dict[str, Any]:
 
 def test_log_spans_the_time_between_arming_and_disarming(flight: tuple[Bench, ULog]) -> None:
     bench, log = flight
-    assert bench.log.path is None
+    assert bench.log.directory.active is None
     status = data(log, "vehicle_status")
     assert status["arming_state"][0] == 2
     assert status["arming_state"][-1] == 1
@@ -120,14 +120,14 @@ def test_sdlog_mode_selects_when_a_log_is_written(tmp_path: Path, mode: int, log
     bench = Bench(profile="minimal", log_dir=tmp_path)
     bench.autopilot.parameters.set("SDLOG_MODE", mode)
     bench.run(1.0)
-    assert (bench.log.path is not None) == (mode in (1, 2))  # only these log before arming
+    assert (bench.log.directory.active is not None) == (mode in (1, 2))  # only these log before arming
     for _ in range(2):
         assert bench.commander.arm() == 0
         bench.run(0.5)
         bench.commander.disarm(force=True)
         bench.run(0.5)
     assert len(bench.log.directory.logs()) == logs
-    assert (bench.log.path is not None) == (mode == 2)
+    assert (bench.log.directory.active is not None) == (mode == 2)
     bench.autopilot.close()
     for log in bench.log.directory.logs():
         assert ULog(str(log.path)).data_list
@@ -185,7 +185,7 @@ def test_a_deleted_log_folder_does_not_stop_the_flight(tmp_path: Path) -> None:
     assert sum(text.startswith("Flight log not written: ") for text in bench.client.texts()) == 1
     bench.fly(3.0)
     assert bench.log.failed
-    assert bench.log.path is None
+    assert bench.log.directory.active is None
 
 
 def test_a_log_folder_that_is_a_file_is_rejected(tmp_path: Path) -> None:

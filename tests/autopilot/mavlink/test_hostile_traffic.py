@@ -114,7 +114,7 @@ def test_garbage_is_counted_and_reported_once(bench: Bench) -> None:
     for _ in range(5):
         fresh.client.port.receive(b"\x55" * 40)
         fresh.client.port.receive(b"\xfd\x09\x00\x00\x00\x01\x01\xff\xff\xff" + b"\x11" * 20)
-    assert fresh.client.port.bad > 0
+    assert fresh.client.port.parser.bad > 0
     assert len([t for t in fresh.client.texts() if "Malformed" in t]) == 1
 
 

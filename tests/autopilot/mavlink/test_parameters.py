@@ -122,6 +122,7 @@ def test_changes_reach_every_client_and_the_core(bench: Bench) -> None:
     bench.client.set_parameter("MPC_XY_P", 1.25, REAL32)  # same value, so no change
     bench.client.set_parameter("RTL_RETURN_ALT", 21.0, REAL32)  # not a parameter of the core
     assert len(bench.core.parameter_changes) == change_count
+    bench.autopilot.close_port(second.port)
 
 
 def test_values_are_restored_from_the_file(tmp_path: Path) -> None:
