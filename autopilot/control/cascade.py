@@ -79,13 +79,11 @@ def filter_rates(params: Record, state: Record, rates: Grid, dt: float) -> None:
 
 @njit(cache=True)
 def torque(params: Record, state: Record, dt: float, idle: bool) -> Vec3:
-    """Return the normalised torque (roll, pitch, yaw), each in [-1, 1].
+    """Return the normalised torque (roll, pitch, yaw), each in [-1, 1], which is also written to `state.torque`.
 
     `state.torque_scale` is the fraction of the torque that the mixer last achieved. Below 1 (saturated actuators), an
     integral that would increase the torque stops. `idle` (on the ground or nearly without thrust) resets the integrals.
     """
-    out = (0.0, 0.0, 0.0)
-    x, y, z = out
     for i in range(3):
         error = state.rates_setpoint[i] - state.rates_filtered[i]
         total = params.rate_p[i] * error + state.rate_integral[i] - params.rate_d[i] * state.rates_derivative[i]
@@ -97,13 +95,8 @@ def torque(params: Record, state: Record, dt: float, idle: bool) -> Vec3:
             limit = params.rate_integral_limit[i]
             grown = state.rate_integral[i] + params.rate_i[i] * error * dt
             state.rate_integral[i] = min(max(grown, -limit), limit)
-        if i == 0:
-            x = bounded
-        elif i == 1:
-            y = bounded
-        else:
-            z = bounded
-    return x, y, z
+        state.torque[i] = bounded
+    return state.torque[0], state.torque[1], state.torque[2]
 
 
 OUTER_PERIOD_US = 10_000
@@ -232,9 +225,7 @@ def run_rate_loop(params: Record, state: Record, estimate: Record, actuators: Re
             state.rates_derivative[i] = 0.0
         roll, pitch, yaw, thrust = 0.0, 0.0, 0.0, state.thrust_setpoint
     command = actuators.command
-    share, turn, collective = mix(
-        params.mix, params.rotors, params.rotor_thrust_min, params.airmode, roll, pitch, yaw, thrust, command
-    )
+    share, turn, collective = mix(params, roll, pitch, yaw, thrust, command)
     for i in range(params.rotors):
         command[i] = math.sqrt(command[i])
     state.torque_scale[0] = share

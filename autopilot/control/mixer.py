@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from autopilot.records import quat_from_euler
 from foundation.airframe import Airframe
-from foundation.compiled import Record, njit
+from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.sensors import MAX_ROTORS
@@ -87,7 +87,6 @@ class Allocation:
     effectiveness: NDArray[np.float64]  # (4, n) roll, pitch, yaw torque (N·m), collective (N) per N of a rotor
     mix: NDArray[np.float64]  # (MAX_ROTORS, 4) thrust fraction per roll, pitch, yaw and collective (normalised)
     torque_max: tuple[float, float, float]  # N·m at a normalised torque of 1
-    thrust_max: float  # N at a collective of 1
 
 
 def allocation(airframe: Airframe) -> Allocation:
@@ -123,27 +122,18 @@ def allocation(airframe: Airframe) -> Allocation:
     if mix[:count, 3].min() <= 0.0:
         raise UsageError(f"airframe {airframe.name!r} cannot hover level. Move its centre of mass between its rotors")
     roll, pitch, yaw = (float(value) for value in torque_max)
-    return Allocation(effectiveness, mix, (roll, pitch, yaw), airframe.thrust_max)
+    return Allocation(effectiveness, mix, (roll, pitch, yaw))
 
 
 @njit(cache=True)
-def mix(
-    matrix: NDArray[np.float64],
-    rotors: int,
-    floor: float,
-    airmode: int,
-    roll: float,
-    pitch: float,
-    yaw: float,
-    thrust: float,
-    fractions: NDArray[np.float64],
-) -> Vec3:
+def mix(params: Record, roll: float, pitch: float, yaw: float, thrust: float, fractions: Grid) -> Vec3:
     """Write rotor thrust fractions in [floor, 1] and return (achieved roll-pitch scale, yaw scale, collective).
 
-    `matrix` (MAX_ROTORS, 4) is `Allocation.mix`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
+    The floor is `params.rotor_thrust_min`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
     `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower or raise the collective. With
-    `airmode` 0 they raise it at most to the collective that gives every rotor `floor` when there is no torque.
+    `airmode` 0 they raise it at most to the collective that gives every rotor the floor when there is no torque.
     """
+    matrix, rotors, floor = params.mix, params.rotors, params.rotor_thrust_min
     thrust = min(max(thrust, 0.0), 1.0)
     # share: the largest fraction of roll and pitch that some collective allows, with every rotor in range
     least = 0.0
@@ -163,7 +153,7 @@ def mix(
         low = max(low, (floor - share * fractions[i]) / matrix[i, 3])
         high = min(high, (1.0 - share * fractions[i]) / matrix[i, 3])
     collective = min(thrust, high)
-    if airmode != 0:
+    if params.airmode != 0:
         collective = max(collective, low)
     elif collective < low:
         collective = max(collective, min(low, idle))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from autopilot.control.gains import CONTROL_PARAMS
 from autopilot.control.mixer import allocation, mix
 from foundation.airframe import Rotor
 from foundation.errors import UsageError
@@ -26,9 +27,11 @@ def distribute(name, roll, pitch, yaw, thrust, airmode=0):
     count = len(AIRFRAMES[name].rotors)
     fractions = np.zeros(MAX_ROTORS)
     share = SHARES[name]
-    result = mix(share.mix, count, FLOOR, airmode, roll, pitch, yaw, thrust, fractions)
-    used = fractions[:count]
-    made = share.effectiveness @ used * share.thrust_max / count / np.array([*share.torque_max, share.thrust_max])
+    params = np.zeros(1, CONTROL_PARAMS)[0]
+    params["mix"], params["rotors"], params["rotor_thrust_min"], params["airmode"] = share.mix, count, FLOOR, airmode
+    result = mix(params, roll, pitch, yaw, thrust, fractions)
+    used, thrust_max = fractions[:count], AIRFRAMES[name].thrust_max
+    made = share.effectiveness @ used * thrust_max / count / np.array([*share.torque_max, thrust_max])
     return result, used, made
 
 
