@@ -62,8 +62,8 @@ def figures(scratch: Path, size: tuple[int, int], fps: int, seconds: float, jobs
     }
 
 
-def main() -> int:
-    """Print the figures; return the exit status."""
+def main() -> None:
+    """Print the figures."""
     parser = benchmark_parser(__doc__, short="make a small film of one second, to check that it works")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="length of the film (default 60)")
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), metavar="N", help="processes (2)")
@@ -72,8 +72,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         measured = figures(Path(scratch), size, fps, seconds, 1 if args.short else args.jobs)
     print_figures(measured, args.json)
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

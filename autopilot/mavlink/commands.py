@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from autopilot.commander.commander import ACCEPTED, DENIED, REJECTED
 from autopilot.commander.health import EXTERNAL_MODES
 from autopilot.commander.plans import ABOVE_HOME, local_position
 from autopilot.mavlink import mission
@@ -17,9 +18,7 @@ from autopilot.mavlink.status_makers import Message, standard_mode
 from foundation.frames import Vec3
 from foundation.mavlink import MODES, dialect
 
-ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
-REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
-UNSUPPORTED = dialect.MAV_RESULT_UNSUPPORTED
+FAILED, UNSUPPORTED = int(dialect.MAV_RESULT_FAILED), int(dialect.MAV_RESULT_UNSUPPORTED)
 FORCE_MAGIC = 21196  # param2 of a forced arming or disarming
 INT32_UNKNOWN = (1 << 31) - 1
 NAN = math.nan
@@ -37,13 +36,13 @@ def set_message_interval(port: Port, p: Sequence[float]) -> int:
     """Stream the message with id param1 every param2 µs (0: default, -1: off). Returns FAILED for an unknown id."""
     message_id = _message_id(p)
     if message_id not in BY_ID:
-        return int(FAILED)
+        return FAILED
     interval = round(p[1]) if abs(p[1]) < 1e10 else 0
     if interval == 0:
         port.set_default_interval(message_id)
     else:
         port.set_interval(message_id, interval)
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def get_message_interval(port: Port, p: Sequence[float]) -> int:
@@ -51,7 +50,7 @@ def get_message_interval(port: Port, p: Sequence[float]) -> int:
     message_id = _message_id(p)
     interval = port.interval_us(message_id) if message_id in BY_ID else 0
     port.send(dialect.MAVLink_message_interval_message(message_id & 0xFFFF, min(interval, 0x7FFFFFFF)))
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def request_message(port: Port, p: Sequence[float]) -> int:
@@ -62,14 +61,14 @@ def request_message(port: Port, p: Sequence[float]) -> int:
     elif message_id in BY_ID and not (message_id in GIMBAL_MESSAGES and port.telemetry(message_id) is None):
         port.send_telemetry(message_id)
     else:
-        return int(DENIED)
-    return int(ACCEPTED)
+        return DENIED
+    return ACCEPTED
 
 
 def send_one(port: Port, name: str) -> int:
     """Send one message of the stream table now."""
     port.send_telemetry(BY_NAME[name].message_id)
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _send_modes(port: Port, index: float) -> None:
@@ -165,11 +164,11 @@ def _do_set_mode(node: Node, port: Port, c: Command) -> int:
         name = _AUTO_MODES.get(sub)
         if name is None:
             node.send_text(dialect.MAV_SEVERITY_CRITICAL, "Unsupported auto mode")
-            return int(REJECTED)
+            return REJECTED
     else:
         name = _MANUAL_MODES.get(main)
     if name is None:
-        return int(ACCEPTED)  # as measured, PX4 accepts the command and changes nothing
+        return ACCEPTED  # as measured, PX4 accepts the command and changes nothing
     return node.vehicle.commander.set_mode(name)
 
 
@@ -192,7 +191,7 @@ def _arm_disarm(node: Node, port: Port, c: Command) -> int | None:
     commander = node.vehicle.commander
     if wish and node.vehicle.calibration.running and not commander.armed:
         node.send_text(dialect.MAV_SEVERITY_CRITICAL, "Arming denied: calibrating")
-        return int(REJECTED)
+        return REJECTED
     return commander.arm(force) if wish else commander.disarm(force)
 
 
@@ -216,7 +215,7 @@ def _place(node: Node, c: Command, relative: bool) -> Vec3:
 
 def _reposition(node: Node, port: Port, c: Command) -> int:
     if c.number(2) != 1:  # only MAV_DO_REPOSITION_FLAGS_CHANGE_MODE is supported
-        return int(UNSUPPORTED)
+        return UNSUPPORTED
     return node.vehicle.commander.reposition(_place(node, c, relative=True), c.p[3], c.p[0])
 
 
@@ -232,35 +231,35 @@ def _orbit(node: Node, port: Port, c: Command) -> int:
 
 def _change_speed(node: Node, port: Port, c: Command) -> int:
     node.vehicle.commander.flight.change_speed(c.p[1])
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _set_home(node: Node, port: Port, c: Command) -> int:
     commander = node.vehicle.commander
     if not node.vehicle.parameters["COM_HOME_EN"]:
-        return int(DENIED)
+        return DENIED
     at_vehicle = c.number(1) == 1
     place = _place(node, c, relative=False)
     if not at_vehicle and not all(map(math.isfinite, place)):
-        return int(DENIED)
+        return DENIED
     if commander.flight.set_home(None if at_vehicle else place):
         node.forget_telemetry()
         for other_port in node.ports:
             other_port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _run_prearm_checks(node: Node, port: Port, c: Command) -> int:
     for reason in node.vehicle.commander.arming_failures():
         node.send_text(dialect.MAV_SEVERITY_CRITICAL, f"Preflight Fail: {reason}")
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _calibrate(node: Node, port: Port, c: Command) -> int:
     """Calibrate the sensors whose params are set: 1 gyro, 2 compass, 5 accelerometer or level. All 0: cancel."""
     calibration = node.vehicle.calibration
     if node.vehicle.commander.armed:
-        return int(REJECTED)
+        return REJECTED
     requested = {
         "gyro": c.number(1) == 1,
         "mag": c.number(2) == 1,
@@ -269,24 +268,24 @@ def _calibrate(node: Node, port: Port, c: Command) -> int:
     }
     sensors = [name for name, wanted in requested.items() if wanted]
     if sensors:
-        return int(ACCEPTED if calibration.start(sensors) else REJECTED)
+        return ACCEPTED if calibration.start(sensors) else REJECTED
     if any(c.number(i) for i in range(1, 8)):
-        return int(UNSUPPORTED)
+        return UNSUPPORTED
     calibration.cancel()
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _terminate(node: Node, port: Port, c: Command) -> int:
-    return node.vehicle.commander.terminate() if c.number(1) == 1 else int(DENIED)
+    return node.vehicle.commander.terminate() if c.number(1) == 1 else DENIED
 
 
 def _mission_start(node: Node, port: Port, c: Command) -> int:
     commander = node.vehicle.commander
     if not commander.flight.plans.mission:
-        return int(DENIED)
+        return DENIED
     first = c.number(1)  # without a number the mission continues at its present item
     if first is not None and first >= 0 and not commander.fly_item(first):
-        return int(DENIED)
+        return DENIED
     result = commander.set_mode("MISSION")
     return result if result != ACCEPTED else commander.arm()
 
@@ -296,40 +295,40 @@ def _set_current_item(node: Node, port: Port, c: Command) -> int:
     if number == -1:
         number = commander.mission.current
     if number is None or not commander.fly_item(number):  # `fly_item` resets the jump counters
-        return int(DENIED)
+        return DENIED
     mission.say_current(node)
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _reboot(node: Node, port: Port, c: Command) -> int:
     if node.vehicle.commander.armed:
-        return int(DENIED)
+        return DENIED
     if c.number(1) in (1, 2, 3):
         node.reboot_requested = True  # the owner of the autopilot restarts it
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _inject_failure(node: Node, port: Port, c: Command) -> int:
     if not node.vehicle.parameters["SYS_FAILURE_EN"]:
-        return int(DENIED)
+        return DENIED
     unit, kind, instance = c.number(1), c.number(2), c.number(3) or 0
     if node.inject is None or unit is None or kind is None or not node.inject(unit, kind, instance):
-        return int(UNSUPPORTED)
+        return UNSUPPORTED
     node.send_text(dialect.MAV_SEVERITY_WARNING, f"Failure injected: unit {unit}, type {kind}, instance {instance}")
-    return int(ACCEPTED)
+    return ACCEPTED
 
 
 def _configure_gimbal(node: Node, port: Port, c: Command) -> int:
     gimbal = node.vehicle.gimbal
     if gimbal is None or c.number(7) not in (0, DEVICE):
-        return int(UNSUPPORTED)
+        return UNSUPPORTED
     return gimbal.configure(c.source, tuple(c.number(i) for i in range(1, 5)))
 
 
 def _point_gimbal(node: Node, port: Port, c: Command) -> int:
     gimbal = node.vehicle.gimbal
     if gimbal is None or c.number(7) not in (None, 0, DEVICE):
-        return int(UNSUPPORTED)
+        return UNSUPPORTED
     return gimbal.point(c.source, c.p[0], c.p[2], c.number(5) or 0)
 
 

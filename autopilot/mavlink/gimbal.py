@@ -7,6 +7,7 @@ of their own. Clients command only the pitch, an angle from the horizon. Roll st
 import math
 from typing import Protocol
 
+from autopilot.commander.commander import ACCEPTED, DENIED
 from foundation.frames import Quat
 from foundation.mavlink import dialect
 from foundation.wire import Fields
@@ -56,11 +57,11 @@ class GimbalManager:
     def configure(self, source: GimbalClient, senders: tuple[int | None, ...]) -> int:
         """Set the clients in control from parameters 1 to 4 of DO_GIMBAL_MANAGER_CONFIGURE; return MAV_RESULT."""
         if any(sender is None for sender in senders):
-            return int(dialect.MAV_RESULT_DENIED)
+            return DENIED
         first, first_component, second, second_component = (int(sender or 0) for sender in senders)
         self.primary = _client(self.primary, source, first, first_component)
         self.secondary = _client(self.secondary, source, second, second_component)
-        return int(dialect.MAV_RESULT_ACCEPTED)
+        return ACCEPTED
 
     def point(self, source: GimbalClient, pitch_deg: float, rate_deg_s: float, flags: int) -> int:
         """Move to a pitch, or at a rate if the pitch is not finite; return MAV_RESULT.
@@ -69,7 +70,7 @@ class GimbalManager:
         neither value is finite and the flag is not set.
         """
         if self.primary != (0, 0) and source not in (self.primary, self.secondary):
-            return int(dialect.MAV_RESULT_DENIED)
+            return DENIED
         if flags & dialect.GIMBAL_MANAGER_FLAGS_NEUTRAL:
             self.device.aim(self.device.neutral)
         elif math.isfinite(pitch_deg):
@@ -77,8 +78,8 @@ class GimbalManager:
         elif math.isfinite(rate_deg_s):
             self.device.move(math.radians(rate_deg_s))
         else:
-            return int(dialect.MAV_RESULT_DENIED)
-        return int(dialect.MAV_RESULT_ACCEPTED)
+            return DENIED
+        return ACCEPTED
 
     def information(self, boot_ms: int) -> Fields:
         """Return the fields of GIMBAL_MANAGER_INFORMATION."""
