@@ -8,8 +8,8 @@ its side reports this only at the next arming. Here `LandingWatch` warns in both
 """
 
 import math
-from collections.abc import Callable
 
+from autopilot.commander.health import StatusText
 from autopilot.control.position import SIDEWAYS_SPEED
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
@@ -194,7 +194,7 @@ UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; the groun
 class LandingWatch:
     """Warns of a blocked landing, and of a vehicle that is not upright after landing."""
 
-    def __init__(self, send_text: Callable[[int, str], None]) -> None:
+    def __init__(self, send_text: StatusText) -> None:
         self._send_text = send_text
         self._lowest: tuple[int, float] | None = None  # time (µs) and z (m, NED) after the last SUNK_M of descent
         self._has_warned = False

@@ -18,6 +18,7 @@ from autopilot.commander.health import (
     UNREGISTERED,
     AccuracyWatch,
     AttitudeWatch,
+    StatusText,
 )
 from autopilot.commander.modes.flight import FlightContext, Sticks
 from autopilot.parameters import ParameterTable
@@ -248,7 +249,6 @@ class StickOverride:
         return any(abs(a - b) > limit for a, b in zip(now, self._reference, strict=True))
 
 
-StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 # causes that the pilot cannot overrule: OFFBOARD_LOST ends when the mode changes, POSITION_LOST leaves no choice
 NOT_OVERRIDABLE = frozenset({OFFBOARD_LOST, POSITION_LOST})
 DELAYED = frozenset({Reaction.RETURN, Reaction.LAND, Reaction.DESCEND})

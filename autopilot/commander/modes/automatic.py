@@ -135,12 +135,9 @@ class Land(Mode):
         self._place: Vec3 | None = None
         self._yaw = 0.0
 
-    def enter(self, flight: FlightContext) -> None:
-        self._place, self._yaw = None, flight.state.yaw
-
-    def over(self, place_ned: Vec3) -> None:
-        """Land at this local position (m, NED), not at the position where the vehicle stops."""
-        self._place = place_ned
+    def enter(self, flight: FlightContext, place_ned: Vec3 | None = None) -> None:
+        """Land at a local position (m, NED), by default at the position where the vehicle stops."""
+        self._place, self._yaw = place_ned, flight.state.yaw
 
     def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
         state, sink = flight.state, landing_speed(flight)
@@ -241,8 +238,7 @@ class ReturnHome(Mode):
         if self._leg == "cruise" and distance < RETURN_ARRIVED_M:
             self._leg = "wait" if p["RTL_LAND_DELAY"] else "land"
             self._z = max(self._z, goal[2] - float(p["RTL_DESCEND_ALT"]))
-            self._land.enter(flight)
-            self._land.over(goal)
+            self._land.enter(flight, goal)
         if self._leg == "wait":
             self._wait(flight)
         if self._leg == "land":

@@ -168,8 +168,7 @@ class Mission(Mode):
                 self._leg, self._since_us = "stay", flight.state.time_us
                 if item.command == plans.LAND:
                     self._leg = "land"
-                    self._land.enter(flight)
-                    self._land.over(self._target)
+                    self._land.enter(flight, self._target)
         if self._leg == "stay":
             self._stay(flight, item)
 
