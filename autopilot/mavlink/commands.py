@@ -13,7 +13,7 @@ from autopilot.commander.health import EXTERNAL_MODES
 from autopilot.commander.plans import ABOVE_HOME, local_position
 from autopilot.mavlink import mission
 from autopilot.mavlink.gimbal import DEVICE
-from autopilot.mavlink.node import BY_ID, BY_NAME, COMPONENT_ID, Node, Port
+from autopilot.mavlink.node import BY_ID, BY_NAME, COMPONENT_ID, Node, Port, sender
 from autopilot.mavlink.status_makers import Message, standard_mode
 from foundation.frames import Vec3
 from foundation.mavlink import MODES, dialect
@@ -116,7 +116,7 @@ CommandHandler = Callable[[Node, Port, Command], int | None]
 def command_long(node: Node, port: Port, message: Message) -> None:
     m = message
     p = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
-    _run(node, port, m, Command(m.command, p, dialect.MAV_FRAME_GLOBAL, _source(m)))
+    _run(node, port, m, Command(m.command, p, dialect.MAV_FRAME_GLOBAL, sender(m)))
 
 
 def command_int(node: Node, port: Port, message: Message) -> None:
@@ -124,11 +124,7 @@ def command_int(node: Node, port: Port, message: Message) -> None:
     m = message
     scale = 1e-4 if m.frame in LOCAL_FRAMES else 1e-7
     x, y = (NAN if value == INT32_UNKNOWN else value * scale for value in (m.x, m.y))
-    _run(node, port, m, Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, _source(m)))
-
-
-def _source(message: Message) -> tuple[int, int]:
-    return message.get_srcSystem(), message.get_srcComponent()
+    _run(node, port, m, Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, sender(m)))
 
 
 def _run(node: Node, port: Port, message: Message, command: Command) -> None:
@@ -152,7 +148,7 @@ def set_mode_message(node: Node, port: Port, message: Message) -> None:
     """Act on the old message SET_MODE. As in PX4, it is executed and acknowledged as the command DO_SET_MODE."""
     main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
     parameters = (float(message.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
-    command = Command(dialect.MAV_CMD_DO_SET_MODE, parameters, dialect.MAV_FRAME_GLOBAL, _source(message))
+    command = Command(dialect.MAV_CMD_DO_SET_MODE, parameters, dialect.MAV_FRAME_GLOBAL, sender(message))
     _acknowledge(port, command, _do_set_mode(node, port, command))
 
 

@@ -28,7 +28,7 @@ from autopilot.mavlink.file_tree import (
     FileTree,
     Refusal,
 )
-from autopilot.mavlink.node import Node, Port
+from autopilot.mavlink.node import Node, Port, sender
 from autopilot.mavlink.status_makers import Message
 from foundation.mavlink import dialect
 
@@ -84,7 +84,7 @@ def request(node: Node, port: Port, message: Message) -> None:
     wish = parsed(payload)
     if wish.opcode in (ACK, NAK):  # an answer for another client
         return
-    address = (message.get_srcSystem(), message.get_srcComponent())
+    address = sender(message)
     server = Server(node.files, node.file_sessions, (port, *address), node.time_us)
     if wish.opcode == BURST_READ:
         _begin_burst(server, port, address, wish)

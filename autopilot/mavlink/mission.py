@@ -9,7 +9,7 @@ import math
 
 from autopilot.commander import plans
 from autopilot.commander.plans import CAPACITY, GLOBAL_FRAMES, KINDS, MISSION, NO_COORDINATE, PlanItem
-from autopilot.mavlink.node import BY_NAME, CANCELLED, Key, Node, Port, Upload
+from autopilot.mavlink.node import BY_NAME, CANCELLED, Key, Node, Port, Upload, sender
 from autopilot.mavlink.status_makers import Message
 from foundation.mavlink import dialect
 
@@ -18,16 +18,12 @@ NO_SPACE, INVALID_SEQUENCE = int(dialect.MAV_MISSION_NO_SPACE), int(dialect.MAV_
 ERROR = int(dialect.MAV_MISSION_ERROR)
 
 
-def _client(message: Message) -> tuple[int, int]:
-    return message.get_srcSystem(), message.get_srcComponent()
-
-
 def _key(port: Port, message: Message) -> Key:
-    return (id(port), *_client(message), message.mission_type)
+    return (id(port), *sender(message), message.mission_type)
 
 
 def _acknowledge(port: Port, message: Message, result: int) -> None:
-    port.send(dialect.MAVLink_mission_ack_message(*_client(message), result, getattr(message, "mission_type", 0)))
+    port.send(dialect.MAVLink_mission_ack_message(*sender(message), result, getattr(message, "mission_type", 0)))
 
 
 def say_current(node: Node) -> None:
@@ -57,7 +53,7 @@ def request_list(node: Node, port: Port, message: Message) -> None:
         _acknowledge(port, message, UNSUPPORTED)
         return
     count = len(node.vehicle.commander.flight.plans.items[message.mission_type])
-    port.send(dialect.MAVLink_mission_count_message(*_client(message), count, message.mission_type))
+    port.send(dialect.MAVLink_mission_count_message(*sender(message), count, message.mission_type))
 
 
 def request_item(node: Node, port: Port, message: Message) -> None:
@@ -72,7 +68,7 @@ def request_item(node: Node, port: Port, message: Message) -> None:
         return
     item = items[seq]
     current = int(kind == MISSION and seq == commander.mission.current)
-    head = (*_client(message), seq, item.frame, item.command, current, item.autocontinue, *item.p)
+    head = (*sender(message), seq, item.frame, item.command, current, item.autocontinue, *item.p)
     if message.get_type() == "MISSION_REQUEST_INT":
         port.send(dialect.MAVLink_mission_item_int_message(*head, item.x, item.y, item.z, kind))
     else:
@@ -95,7 +91,7 @@ def count(node: Node, port: Port, message: Message) -> None:
         _replace(node, kind, ())
         _acknowledge(port, message, ACCEPTED)
     else:
-        upload = Upload(port, _client(message), kind, message.count, node.time_us, node.time_us)
+        upload = Upload(port, sender(message), kind, message.count, node.time_us, node.time_us)
         if node.uploads.begin(_key(port, message), upload):
             upload.request(node.time_us)
         else:

@@ -116,6 +116,11 @@ ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a valu
 QUEUE_LIMIT = 20_000  # messages; a longer queue, whose client reads nothing, loses its oldest half
 
 
+def sender(message: Message) -> tuple[int, int]:
+    """Return the system and the component that sent a message."""
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
 class Port:
     """One MAVLink connection, without I/O: `receive` takes the received bytes, `take` returns the bytes to send."""
 

@@ -2,7 +2,7 @@
 
 import struct
 
-from autopilot.mavlink.node import PARAMETERS, Node, Port
+from autopilot.mavlink.node import PARAMETERS, Node, Port, sender
 from autopilot.mavlink.status_makers import Message
 from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect, first_field
@@ -80,6 +80,4 @@ def set_value(node: Node, port: Port, message: Message) -> None:
 
 def _refuse(port: Port, message: Message, index: int, error: int) -> None:
     name = message.param_id.encode("ascii", "replace")[:16]
-    port.send(
-        dialect.MAVLink_param_error_message(message.get_srcSystem(), message.get_srcComponent(), name, index, error)
-    )
+    port.send(dialect.MAVLink_param_error_message(*sender(message), name, index, error))
