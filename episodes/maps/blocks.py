@@ -118,8 +118,8 @@ def _solid(shape: str, rng: np.random.Generator, tall: float, wide: float = 1.0)
     elif shape == "cone":
         solids = [g.lathe([(0.0, 0.0), (0.85 * a, 0.0), (0.0, h * 1.3)], look, 32)]
     elif shape == "pyramid":
-        ring = [(-a, -a, 0.0), (a, -a, 0.0), (a, a, 0.0), (-a, a, 0.0)]
-        solids = [g.hull(ring, [(0.02 * x, 0.02 * y, h * 1.2) for x, y, _ in ring], look)]
+        tip = 0.02 * a
+        solids = [g.frustum(((-a, -a), (a, a)), ((-tip, -tip), (tip, tip)), (0.0, h * 1.2), look)]
     elif shape == "ramp":
         solids = [g.profile([(-1.6 * a, 0.0), (1.6 * a, 0.0), (1.6 * a, 0.7 * h)], -b, b, look)]
     else:

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 PlanBox = tuple[float, float, float, Array, Array]  # footprint: north, east (m), yaw (rad), low, high corner (2,)
 
+PlanRect = tuple[tuple[float, float], tuple[float, float]]  # lower and upper corner, m in x and y
+
 CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
 
 # triangles of the unit cube, and for each one the matrix from a corner to its texture coordinates (see `slope_uv`)
@@ -177,6 +179,15 @@ def hull(
     count = len(low)
     fan = np.array([(0, k, k + 1) for k in range(1, count - 1)])
     return soup(np.concatenate([sides, high[fan], low[fan[:, ::-1]]]), material, crease_deg, tile_m)
+
+
+def frustum(low: PlanRect, high: PlanRect, z: tuple[float, float], material: Material, tile_m: float = 1.0) -> MeshPart:
+    """Return the closed solid between two level rectangles (lower and upper corner in x and y) at the heights `z`."""
+    rings = [
+        [(x0, y0, level), (x1, y0, level), (x1, y1, level), (x0, y1, level)]
+        for ((x0, y0), (x1, y1)), level in zip((low, high), z, strict=True)
+    ]
+    return hull(*rings, material, tile_m)
 
 
 _CUBE_NORMAL = np.repeat(face_normals(_CUBE)[:, None, :], 3, axis=1)

@@ -271,19 +271,8 @@ def _roof(plan: HallPlan) -> list[MeshPart]:
     if plan.style in ("brick", "columns"):
         tiles = surface("shingles", linear((96, 100, 106) if plan.style == "brick" else (104, 128, 118)))
         base, rise = top + (0.3 if plan.style == "brick" else 0.8), 0.42 * d
-        low = [
-            (-d - 0.2, -w - 0.2, base),
-            (d + 0.2, -w - 0.2, base),
-            (d + 0.2, w + 0.2, base),
-            (-d - 0.2, w + 0.2, base),
-        ]
-        high = [
-            (-0.3, -w + d, base + rise),
-            (0.3, -w + d, base + rise),
-            (0.3, w - d, base + rise),
-            (-0.3, w - d, base + rise),
-        ]
-        roof = [g.hull(low, high, tiles, 1.6)]
+        low, high = ((-d - 0.2, -w - 0.2), (d + 0.2, w + 0.2)), ((-0.3, -w + d), (0.3, w - d))
+        roof = [g.frustum(low, high, (base, base + rise), tiles, 1.6)]
         if plan.style == "brick":
             roof += [
                 g.box((-1.0, y - 0.5, base), (0.2, y + 0.5, base + rise + 1.1), surface("brick"), 0.6)

@@ -98,16 +98,12 @@ def porch(plan: HousePlan, front: float, y: float, looks: HouseLooks) -> list[Me
     for side in (-1.0, 1.0):
         py = y + side * (half - 0.12)
         if plan.posts == "stout":
-            low = [(outer - 0.26, py - 0.16), (outer, py - 0.16), (outer, py + 0.14), (outer - 0.26, py + 0.14)]
             block = (outer - 0.32, py - 0.19, FOUNDATION_M), (outer, py + 0.17, FOUNDATION_M + 0.9)
             solids.append(g.box(*block, *looks.bricks))
-            middle = (outer - 0.16, py - 0.01)
-            foot = [
-                (middle[0] + 0.85 * (a - middle[0]), middle[1] + 0.85 * (b - middle[1]), FOUNDATION_M + 0.9)
-                for a, b in low
-            ]
-            solids.append(g.hull(foot, [(middle[0] + 0.6 * (a - middle[0]), middle[1] + 0.6 * (b - middle[1]), high)
-                                        for a, b in low], trim))  # fmt: skip
+            mx, my = outer - 0.16, py - 0.01  # the middle of the post
+            (x0, y0), (x1, y1) = (outer - 0.26 - mx, py - 0.16 - my), (outer - mx, py + 0.14 - my)
+            ends = [((mx + k * x0, my + k * y0), (mx + k * x1, my + k * y1)) for k in (0.85, 0.6)]
+            solids.append(g.frustum(ends[0], ends[1], (FOUNDATION_M + 0.9, high), trim))
         elif plan.posts == "round":
             solids.append(g.rod((outer - 0.12, py, FOUNDATION_M), (outer - 0.12, py, high), (0.11, 0.09), trim, 12))
         else:

@@ -191,16 +191,7 @@ def quadrotor(paint: str) -> Mesh:
     foot = materials.plain("stand", (74, 78, 84), 0.2)
     solids += [
         g.box((-0.66, -0.66, top - 0.07), (0.66, 0.66, top), foot),
-        g.hull(
-            [(-0.62, -0.62, 0.10), (0.62, -0.62, 0.10), (0.62, 0.62, 0.10), (-0.62, 0.62, 0.10)],
-            [
-                (-0.52, -0.52, top - 0.07),
-                (0.52, -0.52, top - 0.07),
-                (0.52, 0.52, top - 0.07),
-                (-0.52, 0.52, top - 0.07),
-            ],
-            shell,
-        ),
+        g.frustum(((-0.62, -0.62), (0.62, 0.62)), ((-0.52, -0.52), (0.52, 0.52)), (0.10, top - 0.07), shell),
         g.box((-0.72, -0.72, 0.0), (0.72, 0.72, 0.10), foot),
     ]
     return g.assemble([replace(p, corners=p.corners * QUADROTOR_SIZE) for p in solids])

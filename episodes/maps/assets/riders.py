@@ -150,9 +150,7 @@ def motorcycle(paint: str, plate: str) -> Mesh:
         y0, y1 = sorted((s * 0.19, s * 0.29))
         panel = [(-0.02, 0.24), (0.40, 0.22), (0.52, 0.40), (0.62, 0.74), (0.34, 0.86), (0.16, 0.52)]
         solids.append(g.profile(panel, y0, y1, shell))
-    solids.append(g.hull([(-1.20, -0.30, 0.94), (-0.70, -0.30, 0.94), (-0.70, 0.30, 0.94), (-1.20, 0.30, 0.94)],
-                        [(-1.14, -0.25, 1.32), (-0.76, -0.25, 1.32), (-0.76, 0.25, 1.32), (-1.14, 0.25, 1.32)],
-                        shell))  # fmt: skip
+    solids.append(g.frustum(((-1.20, -0.30), (-0.70, 0.30)), ((-1.14, -0.25), (-0.76, 0.25)), (0.94, 1.32), shell))
     solids.append(g.box((-1.05, -0.10, 0.84), (-0.80, 0.10, 0.96), materials.TRIM))
     # lamps, mirrors, handlebar, plate
     solids.append(g.ball((0.70, 0.0, 0.86), (0.06, 0.12, 0.08), materials.HEADLAMP, 2))

@@ -106,9 +106,7 @@ def bus(paint: str, plate: str) -> Mesh:
         solids += left + [g.mirrored(p) for p in left]
     solids.append(g.box((-4.6, -0.82, 0.36), (4.6, 0.82, 1.1), materials.SHADOW))
     # air conditioning and hatches on the roof
-    solids.append(g.hull(
-        [(-3.4, -0.80, 2.86), (-0.6, -0.80, 2.86), (-0.6, 0.80, 2.86), (-3.4, 0.80, 2.86)],
-        [(-3.2, -0.68, 3.12), (-0.9, -0.68, 3.12), (-0.9, 0.68, 3.12), (-3.2, 0.68, 3.12)], shell))  # fmt: skip
+    solids.append(g.frustum(((-3.4, -0.80), (-0.6, 0.80)), ((-3.2, -0.68), (-0.9, 0.68)), (2.86, 3.12), shell))
     solids.append(g.box((1.6, -0.4, 2.9), (2.4, 0.4, 3.02), materials.TRIM))
     half = LENGTH / 2 + PROUD + 0.056
     solids += plates(plate, (-half, 0.40), (half, 0.40))
