@@ -38,22 +38,7 @@ _PLAIN: dict[str, Callable[[str], Mesh]] = {
     "quadrotor": multirotor.quadrotor,
     "service_cart": service_vehicles.service_cart,
 }
-# kind of campus fixture → function that builds its mesh
-FIXTURES: dict[str, Callable[[], Mesh]] = {
-    "bench": campus_fixtures.bench,
-    "bike-rack": campus_fixtures.bike_rack,
-    "bin": campus_fixtures.bin,
-    "bollard": campus_fixtures.bollard,
-    "clock-tower": campus_fixtures.clock_tower,
-    "fountain": campus_fixtures.fountain,
-    "kiosk": campus_fixtures.kiosk,
-    "lamp": campus_fixtures.lamp,
-    "notice-board": campus_fixtures.notice_board,
-    "picnic-table": campus_fixtures.picnic_table,
-    "planter": campus_fixtures.planter,
-    "statue": campus_fixtures.statue,
-    "vending-machine": campus_fixtures.vending_machine,
-}
+FIXTURES = dict(sorted(campus_fixtures.FIXTURES.items()))
 # other object of the maps → function that builds its mesh
 SCENERY: dict[str, Callable[[], Mesh]] = {
     "barrier": street.barrier,

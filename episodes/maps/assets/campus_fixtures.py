@@ -4,7 +4,9 @@ All fixtures of a kind look the same. Each faces forward and has its origin on t
 """
 
 import itertools
+from collections.abc import Callable
 from functools import cache
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -23,8 +25,17 @@ WATER = materials.plain("water", (84, 124, 138), 0.85)
 SPRAY = materials.plain("spray", (206, 220, 226), 0.3, 0.06)
 BRONZE = materials.plain("bronze", (86, 92, 78), 0.35)
 
+Build = TypeVar("Build", bound=Callable[..., Mesh])
+FIXTURES: dict[str, Callable[[], Mesh]] = {}  # kind of fixture → function that builds its mesh
 
-@cache
+
+def fixture(build: Build) -> Build:
+    """Add the function that builds a fixture to FIXTURES, and keep its meshes."""
+    FIXTURES[build.__name__.replace("_", "-")] = kept = cast(Build, cache(build))
+    return kept
+
+
+@fixture
 def bench() -> Mesh:
     """Return a long bench: timber seat and back on two cast blocks."""
     solids = [g.box((-0.24, y - 0.17, -SINK), (0.28, y + 0.17, 0.40), CAST) for y in (-0.95, 0.95)]
@@ -41,7 +52,7 @@ def bench() -> Mesh:
     return g.assemble(solids)
 
 
-@cache
+@fixture
 def lamp(height: float = 4.6) -> Mesh:
     """Return a lamp post with a lantern on either side and a plain banner at the front."""
     glass = materials.plain("lantern", (240, 236, 216), 0.4, 0.25)
@@ -69,7 +80,7 @@ def lamp(height: float = 4.6) -> Mesh:
     return g.assemble(solids)
 
 
-@cache
+@fixture
 def bin() -> Mesh:
     """Return a litter bin of two compartments under one roof, with its openings at the front."""
     shell, dark = materials.plain("bin-shell", (92, 98, 94), 0.15), materials.SHADOW
@@ -109,7 +120,7 @@ def _bicycle(at: tuple[float, float], lean: float) -> list[MeshPart]:
     return [g.transformed(p, (*at, 0.0), lean) for p in solids]
 
 
-@cache
+@fixture
 def bike_rack() -> Mesh:
     """Return a covered rack: five hoops, three bicycles, a low back wall and a slanted roof."""
     back = materials.plain("rack-screen", (150, 156, 156), 0.3)
@@ -126,7 +137,7 @@ def bike_rack() -> Mesh:
     return g.assemble(solids)
 
 
-@cache
+@fixture
 def bollard() -> Mesh:
     """Return a cast bollard with two bands."""
     outline = [(0.0, -SINK), (0.13, -SINK), (0.13, 0.06), (0.10, 0.1), (0.10, 0.86), (0.125, 0.88), (0.125, 0.95)]
@@ -139,7 +150,7 @@ def bollard() -> Mesh:
     )
 
 
-@cache
+@fixture
 def planter() -> Mesh:
     """Return a wide cast tub with a clipped shrub."""
     soil = materials.plain("soil", (70, 54, 42))
@@ -151,7 +162,7 @@ def planter() -> Mesh:
     return g.assemble([*solids, *plants.shrubbery(lobes, "box", 0.34, 1.5, np.random.default_rng(5))])
 
 
-@cache
+@fixture
 def notice_board() -> Mesh:
     """Return a roofed board with sheets of paper on both sides."""
     wood = surface("boards", (0.72, 0.68, 0.64))
@@ -178,7 +189,7 @@ def _ring(radius: float, sides: int) -> Array:
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn)])
 
 
-@cache
+@fixture
 def picnic_table() -> Mesh:
     """Return a table with two benches under a parasol."""
     cloth = materials.plain("parasol", (222, 214, 194))
@@ -251,7 +262,7 @@ def _jet(foot: float) -> list[MeshPart]:
     return solids
 
 
-@cache
+@fixture
 def fountain(tiers: int = 1) -> Mesh:
     """Return a fountain: a basin with one bowl, or a wider basin with `tiers` bowls above one another."""
     radius, height = (2.5, 0.55) if tiers == 1 else (3.2, 0.62)
@@ -266,7 +277,7 @@ def fountain(tiers: int = 1) -> Mesh:
     return g.assemble([*solids, *_jet(foot)])
 
 
-@cache
+@fixture
 def statue() -> Mesh:
     """Return a robed bronze figure on a stepped plinth, with a book in one hand and the other hand raised."""
     stone = _stone()
@@ -312,7 +323,7 @@ def _hip(half: tuple[float, float], eave: float, top: float, material: Material)
     return g.hull(low, [(x * 0.16, y * 0.16, top) for x, y, _ in low], material, 1.6)
 
 
-@cache
+@fixture
 def kiosk() -> Mesh:
     """Return a coffee booth with a counter and an awning at the front, a hipped roof and a name board."""
     wall, roof = materials.plain("kiosk-wall", (108, 116, 112), 0.1), materials.plain("kiosk-roof", (70, 74, 78), 0.2)
@@ -344,7 +355,7 @@ def kiosk() -> Mesh:
     return g.assemble(solids)
 
 
-@cache
+@fixture
 def vending_machine() -> Mesh:
     """Return a tall machine with shelves behind glass."""
     shell = materials.plain("vending-shell", (72, 78, 88), 0.3)
@@ -360,9 +371,9 @@ def vending_machine() -> Mesh:
     )
 
 
+@fixture
 def clock_tower() -> Mesh:
     """Return a brick tower, 26.8 m high, with a dial on each side and an open belfry."""
-
     brick, stone, roof = surface("brick"), _stone(), materials.plain("tower-roof", (82, 102, 94), 0.15)
     solids = [
         g.box((-2.4, -2.4, -0.4), (2.4, 2.4, 0.9), stone, 2.4),
