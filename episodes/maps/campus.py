@@ -14,7 +14,7 @@ import numpy as np
 from episodes.maps import assets, campus_ground, campus_plan
 from episodes.maps.assets import buildings, campus_fixtures, people, plants, service_vehicles
 from episodes.maps.geometry import PlanBox, gap_m
-from episodes.maps.scene import Instance, Landmark, Lane, Mesh, Places, Scene, Spot, sun_at
+from episodes.maps.scene import Instance, Lane, Mesh, Places, Scene, Spot, sun_at
 from foundation.terrain import HeightField
 
 ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle
@@ -72,15 +72,14 @@ def _backdrop() -> Iterator[PlacedMesh]:
 def build(seed: int = 1) -> Scene:
     """Return the campus. `seed` varies the shapes of its plants; halls, walks and fixtures do not change."""
     terrain, count = campus_ground.terrain(), Counter[str]()
-    instances: list[Instance] = []
+    ground = enumerate(campus_ground.ground(), 1)
+    instances = [Instance(number, use, "ground", mesh, (0.0, 0.0, 0.0)) for number, (use, mesh) in ground]
 
     def add(kind: str, mesh: Mesh, north: float, east: float, down: float, yaw: float) -> None:
         count[kind] += 1
         place = (float(north), float(east), float(down))
         instances.append(Instance(len(instances) + 1, f"{kind}-{count[kind]}", kind, mesh, place, float(yaw)))
 
-    for use, mesh in campus_ground.ground():
-        instances.append(Instance(len(instances) + 1, use, "ground", mesh, (0.0, 0.0, 0.0)))
     for plan, north, east, facing in campus_plan.HALLS:
         yaw = math.radians(facing)
         out = plan.depth / 2 + 2.0  # the hall stands at the level of the ground in front of its door
@@ -102,11 +101,6 @@ def build(seed: int = 1) -> Scene:
     )
 
 
-def landmarks() -> tuple[Landmark, ...]:
-    """Return the landmarks: unique instances by which an instruction can distinguish similar objects."""
-    return tuple(Landmark(name, phrase) for name, phrase in campus_plan.LANDMARKS)
-
-
 def places(seed: int = 1) -> Places:
     """Return the free places, lanes and landmarks.
 
@@ -118,7 +112,7 @@ def places(seed: int = 1) -> Places:
         Lane(name, tuple((n, e, round(terrain.at(n, e), 4)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)
         for name, corners in campus_plan.LANES
     )
-    return Places(tuple(_spots(terrain, seed)), lanes, landmarks())
+    return Places(tuple(_spots(terrain, seed)), lanes, campus_plan.LANDMARKS)
 
 
 def _stepped(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:

@@ -4,6 +4,7 @@ The order of entries matters: the third bench of FIXTURES is 'bench-3' in every 
 """
 
 from episodes.maps.assets.buildings import HallPlan
+from episodes.maps.scene import Landmark
 
 FixturePlace = tuple[str, float, float, float]  # kind, north, east, compass bearing it faces
 
@@ -247,14 +248,14 @@ LANES: tuple[tuple[str, tuple[tuple[float, float], ...]], ...] = (
 )
 LANE_WIDTH_M = 2.9
 
-LANDMARKS: tuple[tuple[str, str], ...] = (  # instance, its name in instructions
-    ("fountain-1", "the fountain with three bowls"),
-    ("clock-tower-1", "the clock tower"),
-    ("hall-1", "the library with the columns"),
-    ("hall-2", "Euler Hall"),
-    ("hall-3", "Curie Hall"),
-    ("hall-4", "Darwin Hall"),
-    ("hall-5", "Tesla Labs"),
-    ("hall-6", "Hopper Hall"),
-    ("hall-7", "Noether Hall"),
+LANDMARKS = (  # unique instances by which an instruction can distinguish similar objects
+    Landmark("fountain-1", "the fountain with three bowls"),
+    Landmark("clock-tower-1", "the clock tower"),
+    Landmark("hall-1", "the library with the columns"),
+    Landmark("hall-2", "Euler Hall"),
+    Landmark("hall-3", "Curie Hall"),
+    Landmark("hall-4", "Darwin Hall"),
+    Landmark("hall-5", "Tesla Labs"),
+    Landmark("hall-6", "Hopper Hall"),
+    Landmark("hall-7", "Noether Hall"),
 )

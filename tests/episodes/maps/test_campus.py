@@ -197,7 +197,7 @@ def test_spots_are_free(scene: Scene) -> None:
 
 def test_landmarks_exist_and_have_distinct_phrases(scene: Scene) -> None:
     names = {i.name for i in scene.instances}
-    landmarks = campus.landmarks()
+    landmarks = campus_plan.LANDMARKS
     assert all(mark.name in names for mark in landmarks)
     assert len({mark.phrase for mark in landmarks}) == len(landmarks) >= 8
 

@@ -9,7 +9,7 @@ from dronecats.pilots.vision import place_target, shape_detector
 from dronecats.pilots.vision.command import KIND_OF_NOUN, PlaceExpression, read_place_expression
 from episodes.authoring.check import referring
 from episodes.authoring.propose import draft
-from episodes.maps import campus
+from episodes.maps import campus_plan
 from episodes.records import catalogue
 
 CAMPUS = [i for i in catalogue.all_ids() if "campus" in i]
@@ -20,7 +20,7 @@ KINDS = st.sampled_from(sorted(KIND_OF_NOUN))
 def test_campus_instructions_are_parsed_as_the_episode_check_parses_them():
     for episode in CAMPUS:
         record = catalogue.load(episode)
-        phrases = [mark.phrase for mark in campus.landmarks()] + [f"the {noun}" for noun in KIND_OF_NOUN]
+        phrases = [mark.phrase for mark in campus_plan.LANDMARKS] + [f"the {noun}" for noun in KIND_OF_NOUN]
         theirs, ours = referring.read(record.instruction, phrases), read_place_expression(record.instruction)
         assert ours is not None, episode
         assert theirs is not None, episode
