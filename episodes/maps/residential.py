@@ -29,7 +29,7 @@ from episodes.maps.residential_plan import (
     Street,
 )
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
-from foundation.frames import PX4_HOME
+from foundation.frames import PX4_HOME, vec3
 from foundation.terrain import HeightField
 
 KERBSIDE_OUT = 2.8  # m from the centre line to the middle of a vehicle that is parked along the kerb
@@ -123,9 +123,8 @@ def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
 
 def _cars(homes: tuple[Plot, ...], seed: int) -> Iterator[Furnishing]:
     for index, car in enumerate(parked(homes, seed)):
-        north, east = car.street.at(car.along, car.out)
         mesh = vehicles.car(car.kind, car.paint, plate(index), vehicles.trim_of(index))
-        yield Furnishing(car.kind, mesh, north, east, car.yaw)
+        yield Furnishing(car.kind, mesh, *car.street.at(car.along, car.out), car.yaw)
 
 
 def plate(index: int) -> str:
@@ -146,13 +145,8 @@ def _fence(
     for k in range(count):
         share = (k + 0.5) / count
         north, east = n0 + share * (n1 - n0), e0 + share * (e1 - e0)
-        yield Furnishing(
-            "fence",
-            street.board_fence(round(length / count, 3), tone=plot.number // 2),
-            north,
-            east,
-            math.atan2(e1 - e0, n1 - n0),
-        )
+        fence = street.board_fence(round(length / count, 3), tone=plot.number // 2)
+        yield Furnishing("fence", fence, north, east, math.atan2(e1 - e0, n1 - n0))
 
 
 def _fences(plot: Plot, homes: tuple[Plot, ...], terrain: HeightField) -> Iterator[Furnishing]:
@@ -262,9 +256,8 @@ def _backdrop(seed: int) -> Iterator[Furnishing]:
             place = (n + rng.uniform(-4, 4), east + side * rng.uniform(4, 9) + (16.0 * side if abs(n) > 35.0 else 0.0))
             yield Furnishing("conifer", fir(), float(place[0]), float(place[1]), float(rng.uniform(0, 6)))
     for n in (-24.0, 20.0):
-        yield Furnishing(
-            "tree", plants.tree("maple", 8.0, 1), n, -40.0 - float(rng.uniform(0, 6)), float(rng.uniform(0, 6))
-        )
+        maple = plants.tree("maple", 8.0, 1)
+        yield Furnishing("tree", maple, n, -40.0 - float(rng.uniform(0, 6)), float(rng.uniform(0, 6)))
     for k, n in enumerate((-96.0, -32.0, 32.0, 96.0)):
         yield Furnishing("wood", plants.wood(66.0, 10.0, 1 + k), n, -84.0, 0.0)
         yield Furnishing("wood", plants.wood(66.0, 10.0, 5 + k), n, 148.0, 0.0)
@@ -289,18 +282,15 @@ def build(seed: int = 1) -> Scene:
     """Return the neighbourhood. `seed` varies houses, plants and most parked cars; roads and plots do not change."""
     homes = plan.plots(seed)
     terrain = plan.terrain(homes)
-    instances: list[Instance] = []
+    instances = [Instance(k, name, "ground", mesh, (0.0, 0.0, 0.0)) for k, (name, mesh) in enumerate(ground(homes), 1)]
 
     def add(kind: str, mesh: Mesh, north: float, east: float, yaw: float, level: float | None = None) -> None:
         number = len(instances) + 1
         place = (float(north), float(east), terrain.at(north, east) if level is None else level)
         instances.append(Instance(number, f"{kind}-{number}", kind, mesh, place, float(yaw)))
 
-    for name, mesh in ground(homes):
-        number = len(instances) + 1
-        instances.append(Instance(number, name, "ground", mesh, (0.0, 0.0, 0.0)))
-    number = len(instances) + 1
-    instances.append(Instance(number, "marking", "ground", markings(terrain), (0.0, 0.0, 0.0), solid=False))
+    marking = Instance(len(instances) + 1, "marking", "ground", markings(terrain), (0.0, 0.0, 0.0), solid=False)
+    instances.append(marking)
     for plot in homes:
         out = plan.FRONT + plot.plan.depth / 2
         # the garage door opens at the level of the drive
@@ -309,12 +299,12 @@ def build(seed: int = 1) -> Scene:
     for thing in furnishings(homes, seed, terrain):
         add(thing.kind, thing.mesh, thing.north, thing.east, thing.yaw)
     azimuth, elevation = np.radians(142.0), np.radians(50.0)  # late morning, northern summer
-    sun = (np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation))
+    sun = vec3((np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)))
     return Scene(
         name="residential",
         instances=tuple(instances),
         terrain=terrain,
-        sun=Sun((float(sun[0]), float(sun[1]), float(sun[2]))),
+        sun=Sun(sun),
         latitude_deg=PX4_HOME[0],
         longitude_deg=PX4_HOME[1],
         altitude_m=PX4_HOME[2],

@@ -104,25 +104,18 @@ def _nodes(low: float, high: float, across: tuple[float, float], north: bool, ho
     return np.unique(np.round([c for c in cuts if low <= c <= high], 3))
 
 
-def _drives(north: Array, east: Array, homes: tuple[Plot, ...]) -> Mask:
-    """Return which points lie on a drive, from the kerb to the house."""
-    is_drive = np.zeros(np.broadcast(north, east).shape, dtype=bool)
+def _drives_and_tints(north: Array, east: Array, homes: tuple[Plot, ...]) -> tuple[Mask, NDArray[np.int_]]:
+    """Return which points lie on a drive, from the kerb to the house, and the index in TINTS of the grass at points.
+
+    Each plot has one tint.
+    """
+    shape = np.broadcast(north, east).shape
+    is_drive, tint = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=int)
     for plot in homes:
-        along, out = (north, east) if plot.street.north else (east, north)
-        out = plot.side * (out - plot.street.middle)
+        along, out = plot.from_street(north, east)
         is_drive |= (np.abs(along - plot.drive) < DRIVE_HALF) & (out > RINGS[0]) & (out < DRIVE_END)
-    return is_drive
-
-
-def _tint(north: Array, east: Array, homes: tuple[Plot, ...]) -> NDArray[np.int_]:
-    """Return the index in TINTS of the grass at points: one tint per plot."""
-    tint = np.zeros(np.broadcast(north, east).shape, dtype=int)
-    for plot in homes:
-        along, out = (north, east) if plot.street.north else (east, north)
-        out = plot.side * (out - plot.street.middle)
-        on_plot = (np.abs(along - plot.along) < 10.0) & (out > 0.0) & (out < DEPTH)
-        tint[on_plot] = plot.number // 2 * 2 % 3
-    return tint
+        tint[(np.abs(along - plot.along) < 10.0) & (out > 0.0) & (out < DEPTH)] = plot.number // 2 * 2 % 3
+    return is_drive, tint
 
 
 def _cells(zone: tuple[float, float, float, float, str], homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array]]:
@@ -140,8 +133,7 @@ def _cells(zone: tuple[float, float, float, float, str], homes: tuple[Plot, ...]
     first = np.where(ac[..., None, None], np.stack([a, d, c], axis=2), np.stack([a, d, b], axis=2))
     second = np.where(ac[..., None, None], np.stack([a, c, b], axis=2), np.stack([b, d, c], axis=2))
     run = away(mid_n, mid_e)
-    drive = _drives(mid_n, mid_e, homes)
-    tint = _tint(mid_n, mid_e, homes)
+    drive, tint = _drives_and_tints(mid_n, mid_e, homes)
     uses = {
         "road": run < RINGS[0],
         "kerb": (run > RINGS[0]) & (run < RINGS[1]) & ~drive,

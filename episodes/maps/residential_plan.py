@@ -69,6 +69,11 @@ class Plot:
         """Return (north, east) of the point at `along` that is `out` metres from the centre line towards this plot."""
         return self.street.at(along, self.side * out)
 
+    def from_street(self, north: Array, east: Array) -> tuple[Array, Array]:
+        """Return (along, out) of points, m: the inverse of `at`."""
+        along, out = (north, east) if self.street.north else (east, north)
+        return along, self.side * (out - self.street.middle)
+
     @property
     def yaw(self) -> float:
         """Return the yaw (rad) of the house, whose front faces the street."""
@@ -146,9 +151,8 @@ def swell(north: Array, east: Array) -> Array:
 
 def dropped(plot: Plot, north: Array, east: Array) -> Array:
     """Return the weight (0 … 1) of PROFILE_DRIVE at points: 1 on the dropped kerb of a plot's drive."""
-    along, out = (north, east) if plot.street.north else (east, north)
+    along, out = plot.from_street(north, east)
     flank = np.clip((DRIVE_HALF + FLANK - np.abs(along - plot.drive)) / FLANK, 0.0, 1.0)
-    out = plot.side * (out - plot.street.middle)
     return np.asarray(flank * ((out > 0.0) & (out < CORNER)))
 
 
