@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar
 from msgspec import Meta
 
 from episodes.records import record as records
-from episodes.records.record import EpisodeRecord
+from episodes.records.record import CELLS, EpisodeRecord
 from foundation.errors import UsageError
 from foundation.typed_file import file_bytes, json_of, typed
 from foundation.wording import did_you_mean, nearest, suggestion
@@ -27,18 +27,8 @@ VERSION = 3  # of the benchmark; raised when images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
 # one episode for each one-drone cell (kind of task) and map; two for each map with `commanding` episodes
 QUICK = (
-    "residential-approaching-01",
-    "residential-searching-01",
-    "residential-tracking-01",
-    "residential-search-and-track-01",
-    "campus-approaching-01",
-    "campus-searching-01",
-    "campus-tracking-01",
-    "campus-search-and-track-01",
-    "residential-commanding-01",
-    "residential-commanding-02",
-    "blocks-commanding-01",
-    "blocks-commanding-02",
+    *(f"{place}-{cell}-01" for place in ("residential", "campus") for cell in CELLS if cell != "commanding"),
+    *(f"{place}-commanding-{number}" for place in ("residential", "blocks") for number in ("01", "02")),
 )
 
 PAR = RECORDS / "par.json"
