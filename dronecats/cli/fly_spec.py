@@ -173,7 +173,7 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
 
 def _simulated(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated, latency_policy
-    from episodes.camera.optics.file import load as load_optics
+    from episodes.camera.optics.options import load as load_optics
     from episodes.records import catalogue
 
     factor = speed(args.speed or "1")
@@ -205,7 +205,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     """Return the specification of a recorded flight, changed by the options that may change in a replay."""
     from dronecats.flight.spec.flight_spec import Simulated, latency_policy
     from dronecats.flight.spec.spec_file import recorded
-    from episodes.camera.optics.file import load as load_optics
+    from episodes.camera.optics.options import load as load_optics
 
     path = args.model.removeprefix(REPLAY)
     if args.connect:
