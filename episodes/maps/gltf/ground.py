@@ -46,25 +46,26 @@ def find(triangles: Array, north: float, east: float, down: float | None) -> Gro
     Of several floors, the one nearest to the NED z `down` (m) is used; if `down` is None, the lowest floor with
     HEADROOM_M, or else the lowest.
     """
-    corners = triangles.reshape(-1, 3).astype(np.float32)
     area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     up = -area[:, 2] / np.maximum(np.linalg.norm(area, axis=1), 1e-12)
-    scene = EmbreeScene()
-    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
-    low, high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
-    start = _Columns(scene, low[2], high[2]).cut(np.array([[north, east]]))
+    columns = _Columns(triangles)
+    start = columns.cut(np.array([[north, east]]))
     for facing in (up, np.abs(up)):
         chosen = _floor(start[0][:, 0], start[1][:, 0], facing, down)
         if chosen is not None:
-            return _grow(triangles, scene, facing, low, high, (north, east), chosen)
+            return _grow(triangles, columns, facing, (north, east), chosen)
     return None
 
 
 class _Columns:
-    """Casts rays straight down through a scene."""
+    """Casts rays straight down through triangles (T, 3, 3), m NED."""
 
-    def __init__(self, scene: EmbreeScene, top: float, bottom: float) -> None:
-        self._scene, self._top, self._length = scene, top - 1.0, bottom - top + 2.0
+    def __init__(self, triangles: Array) -> None:
+        corners = triangles.reshape(-1, 3).astype(np.float32)
+        self.low, self.high = corners.min(axis=0).astype(np.float64), corners.max(axis=0).astype(np.float64)
+        self._top, self._length = self.low[2] - 1.0, self.high[2] - self.low[2] + 2.0
+        self._scene = EmbreeScene()
+        TriangleMesh(self._scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
 
     def cut(self, places: Array) -> tuple[Array, NDArray[np.int64]]:
         """Return (NED z, triangle) of the surfaces at each place, (LAYERS, N), top first. The rest is nan and -1."""
@@ -100,23 +101,15 @@ def _floor(depth: Array, which: NDArray[np.int64], facing: Array, down: float | 
     return float(depth[(roomy or floors)[-1]])
 
 
-def _grow(
-    triangles: Array,
-    scene: EmbreeScene,
-    facing: Array,
-    low: Array,
-    high: Array,
-    spawn: tuple[float, float],
-    spawn_down: float,
-) -> Ground:
+def _grow(triangles: Array, columns: _Columns, facing: Array, spawn: tuple[float, float], spawn_down: float) -> Ground:
     """Return the ground that is connected to the surface at the spawn."""
-    first = np.maximum(low[:2], np.array(spawn) - REACH_M)
-    last = np.minimum(high[:2], np.array(spawn) + REACH_M)
+    first = np.maximum(columns.low[:2], np.array(spawn) - REACH_M)
+    last = np.minimum(columns.high[:2], np.array(spawn) + REACH_M)
     cell = max(FINEST_M, float((last - first).max()) / (MOST_CELLS - 1))
     shape = tuple(int(n) for n in np.floor((last - first) / cell + 1e-6).astype(int) + 1)
     lattice = np.stack(np.meshgrid(*(first[k] + cell * np.arange(shape[k]) for k in (0, 1)), indexing="ij"), axis=-1)
     inside = np.minimum(lattice.reshape(-1, 2) + _RAY_OFFSET_M, last - _RAY_OFFSET_M)
-    depth, which = _Columns(scene, low[2], high[2]).cut(inside)
+    depth, which = columns.cut(inside)
     layers = int((which >= 0).any(axis=1).sum())
     if layers == 0:
         flat = HeightField(float(first[0]), float(first[1]), cell, np.full(shape, spawn_down))
@@ -137,11 +130,11 @@ def _grow(
         chosen = label[np.nanargmin(gap), here]
     is_ground = (label == chosen) & ~np.isnan(depth)
     lowest = np.argmax(np.where(is_ground, depth, -np.inf), axis=0)
-    columns = np.arange(depth.shape[1])
-    has_ground = is_ground[lowest, columns]
-    down = np.where(has_ground, depth[lowest, columns], np.nan).reshape(shape)
+    every = np.arange(depth.shape[1])
+    has_ground = is_ground[lowest, every]
+    down = np.where(has_ground, depth[lowest, every], np.nan).reshape(shape)
     flagged = np.zeros(len(triangles), np.bool_)
-    flagged[which[lowest, columns][has_ground]] = True
+    flagged[which[lowest, every][has_ground]] = True
     nearest = ndimage.distance_transform_edt(np.isnan(down), return_distances=False, return_indices=True)
     field = HeightField(float(first[0]), float(first[1]), cell, np.ascontiguousarray(down[tuple(nearest)]))
     return Ground(field, flagged | _on_field(triangles, facing, field), spawn_down)

@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import cv2
@@ -40,7 +41,7 @@ class Images:
     def __init__(self, document: Document, used: Iterable[int]) -> None:
         """Measure the pictures that will be used. Raises UsageError if one is too large, or neither PNG nor JPEG."""
         self._document = document
-        self._kept: dict[tuple[int, float | None], tuple[Picture, NDArray[np.bool_] | None]] = {}
+        self.picture = cache(self._decoded)
         self._data = {k: self._bytes_of(k) for k in sorted(set(used))}
         self._sizes = {k: self._measured(k, data) for k, data in self._data.items()}
         for self._side in SIDES:
@@ -48,16 +49,6 @@ class Images:
             areas = (w * h * s * s for (w, h), s in zip(self._sizes.values(), shrunk, strict=True))
             if sum(areas) <= MAX_TEXELS:
                 break
-
-    def picture(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
-        """Return an image (H, W, 3) sRGB and the mask (H, W) of its opaque texels, those with alpha ≥ `cutoff`.
-
-        The mask is None if the image has no holes or `cutoff` is None. See `fill_holes` for the colour of holes.
-        """
-        key = (index, cutoff)
-        if key not in self._kept:
-            self._kept[key] = self._decoded(index, cutoff)
-        return self._kept[key]
 
     def _bytes_of(self, index: int) -> bytes:
         image, where = self._document.entry("images", index, "source"), f"images[{index}]"
@@ -76,6 +67,10 @@ class Images:
         return size
 
     def _decoded(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
+        """Return an image (H, W, 3) sRGB and the mask (H, W) of its opaque texels, those with alpha ≥ `cutoff`.
+
+        The mask is None if the image has no holes or `cutoff` is None. See `fill_holes` for the colour of holes.
+        """
         try:
             raw = cv2.imdecode(np.frombuffer(self._data[index], np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:

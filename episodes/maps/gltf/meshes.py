@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -80,18 +81,13 @@ class Shapes:
         self._document = document
         self._looks = looks
         self._plain = TexturedMaterial(Material("plain", (1.0, 1.0, 1.0)))
-        self._tinted: dict[tuple[int, int], Material] = {}
-        self._kept: dict[int, Mesh | None] = {}
+        self._tint = cache(_tinted)  # materials are compared by identity
+        self.mesh = cache(self._read)
         self._read_vertices = self._kept_vertices = 0
         self.left_out = 0  # primitives of points and lines, which have no surface
 
-    def mesh(self, index: int) -> Mesh | None:
-        """Return a mesh in FRD axes; None if it has no triangles. Raises UsageError if it is invalid or too large."""
-        if index not in self._kept:
-            self._kept[index] = self._read(index)
-        return self._kept[index]
-
     def _read(self, index: int) -> Mesh | None:
+        """Return a mesh in FRD axes; None if it has no triangles. Raises UsageError if it is invalid or too large."""
         raw: dict[Any, _Block] = {}  # vertices in the order of the file
         made: dict[Any, _Block] = {}  # vertices in the order of the new mesh
         triangles, which = [], []
@@ -209,14 +205,11 @@ class Shapes:
         rows = [row(self._tint(material, int(code))) for code in codes]
         return np.array(rows, np.int32)[of.reshape(-1)]
 
-    def _tint(self, material: Material, code: int) -> Material:
-        key = (id(material), code)
-        if key not in self._tinted:
-            red, green, blue = ((level / TINTS) ** 2 for level in (code // 1024, code // 32 % 32, code % 32))
-            c = material.color
-            color = (c[0] * red, c[1] * green, c[2] * blue)
-            self._tinted[key] = replace(material, name=f"{material.name}-{code}", color=color)
-        return self._tinted[key]
+
+def _tinted(material: Material, code: int) -> Material:
+    red, green, blue = ((level / TINTS) ** 2 for level in (code // 1024, code // 32 % 32, code % 32))
+    c = material.color
+    return replace(material, name=f"{material.name}-{code}", color=(c[0] * red, c[1] * green, c[2] * blue))
 
 
 def compact(mesh: Mesh) -> Mesh:
