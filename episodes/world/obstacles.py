@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,10 +72,10 @@ def sorted_into_cells(
     moving: MovingBox | None = None,
 ) -> Obstacles:
     """Return triangles (T, 3, 3), m NED, as Obstacles. Each cell lists the triangles within `reach_m` of the cell."""
-    low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
-    origin = np.floor(low.min(axis=0) / cell_m) * cell_m
-    cells = np.ceil((high.max(axis=0) - origin) / cell_m).astype(np.int64)
-    number, which = _in_cells(triangles, low, high, origin, cells, cell_m, reach_m)
+    low, high = triangles.min(axis=(0, 1)) - reach_m, triangles.max(axis=(0, 1)) + reach_m
+    origin = np.floor(low / cell_m) * cell_m
+    cells = np.ceil((high - origin) / cell_m).astype(np.int64)
+    number, which = _in_cells(triangles, _Grid(origin, cells, cell_m, reach_m))
     start = np.zeros(cells.prod() + 1, np.int32)
     start[1:] = np.cumsum(np.bincount(number, minlength=cells.prod()))
     return Obstacles(
@@ -99,11 +100,11 @@ def with_more(
 
     Return None if the new triangles reach beyond the cells of `before`.
     """
-    low, high = triangles.min(axis=1) - before.reach_m, triangles.max(axis=1) + before.reach_m
+    low, high = triangles.min(axis=(0, 1)) - before.reach_m, triangles.max(axis=(0, 1)) + before.reach_m
     origin, cells = np.array(before.origin_ned), np.array(before.cells, np.int64)
-    if (low.min(axis=0) < origin).any() or (np.ceil((high.max(axis=0) - origin) / before.cell_m) > cells).any():
+    if (low < origin).any() or (np.ceil((high - origin) / before.cell_m) > cells).any():
         return None
-    number, which = _in_cells(triangles, low, high, origin, cells, before.cell_m, before.reach_m)
+    number, which = _in_cells(triangles, _Grid(origin, cells, before.cell_m, before.reach_m))
     order = np.argsort(number, kind="stable")
     number, which = number[order], which[order] + np.int32(len(before.corners))
     start = before.start.copy()
@@ -126,33 +127,30 @@ def _bounds(triangles: Array) -> NDArray[np.float32]:
     return np.column_stack([middle, radius]).astype(np.float32)
 
 
-def _in_cells(
-    triangles: Array, low: Array, high: Array, origin: Array, cells: NDArray[np.int64], cell_m: float, reach_m: float
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+class _Grid(NamedTuple):
+    """The cells into which triangles are sorted. The fields are as in `Obstacles`."""
+
+    origin: Array  # (3,) m, NED
+    cells: NDArray[np.int64]  # (3,)
+    cell_m: float
+    reach_m: float
+
+
+def _in_cells(triangles: Array, grid: _Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the pairs (cell, triangle) of all triangles, computed batch by batch with `_cells_of`."""
-    pairs = [
-        _cells_of(triangles[k : k + BATCH], k, low[k : k + BATCH], high[k : k + BATCH], origin, cells, cell_m, reach_m)
-        for k in range(0, len(triangles), BATCH)
-    ]
+    pairs = [_cells_of(triangles[k : k + BATCH], k, grid) for k in range(0, len(triangles), BATCH)]
     return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
 
 
-def _cells_of(
-    triangles: Array,
-    number: int,
-    low: Array,
-    high: Array,
-    origin: Array,
-    cells: NDArray[np.int64],
-    cell_m: float,
-    reach_m: float,
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _cells_of(triangles: Array, number: int, grid: _Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return a pair (cell, triangle) for each triangle of a batch and each cell within `reach_m` of the triangle.
 
     `number`: index of the batch's first triangle among all triangles.
 
     Cells far from a triangle's plane are left out. Otherwise a slanted roof would fill all cells of its bounding box.
     """
+    origin, cells, cell_m, reach_m = grid
+    low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
     first = np.floor((low - origin) / cell_m).astype(np.int32)
     span = np.minimum(np.floor((high - origin) / cell_m).astype(np.int32), cells - 1) - first + 1
     count = span.prod(axis=1)

@@ -15,6 +15,7 @@ from episodes.maps.conditions import in_conditions
 from episodes.maps.scene import Instance, Moved, Scene, turn
 from episodes.records.record import EpisodeRecord, TargetRecord
 from episodes.world.fleet import DronePose, Fleet
+from episodes.world.obstacles import bounding_box
 from episodes.world.target import TargetMotion, Wheels, motion, on_ground
 from episodes.world.visibility import Occluder, Solids, SolidsExcept, SolidsUnion, TargetView, in_camera, picture_box
 from foundation.camera import CameraModel, camera_pose
@@ -68,9 +69,8 @@ class World:
         self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
         self._native, self._lookalikes = native, lookalikes
         self._wheels = Wheels.if_any(record.target.asset, target.mesh) if moves else None
-        low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
-        self._half = tuple(float(v) for v in (high - low) / 2)
-        self._middle = tuple(float(v) for v in (high + low) / 2)
+        box = bounding_box(target)
+        self._half, self._middle = box.half_m, box.centre_frd
 
     @cached_property
     def solids(self) -> Solids:
