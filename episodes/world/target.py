@@ -65,7 +65,12 @@ class TargetMotion:
         k = min(max(bisect.bisect_right(self.reached_m, s) - 1, 0), len(self.reached_m) - 2)
         a, b = self.waypoints_ned[k], self.waypoints_ned[k + 1]
         u = (s - self.reached_m[k]) / (self.reached_m[k + 1] - self.reached_m[k])
-        return (a[0] + u * (b[0] - a[0]), a[1] + u * (b[1] - a[1]), a[2] + u * (b[2] - a[2]))
+        return on_line(a, b, u)
+
+
+def on_line(a: Vec3, b: Vec3, u: float) -> Vec3:
+    """Return the point on the line through a (u = 0) and b (u = 1)."""
+    return (a[0] + u * (b[0] - a[0]), a[1] + u * (b[1] - a[1]), a[2] + u * (b[2] - a[2]))
 
 
 def has_wheels(asset: str) -> bool:

@@ -240,9 +240,7 @@ class TargetView:
 
     def _beside(self, position_ned: Vec3, pose: CameraPose, camera: CameraModel) -> bool:
         """Return whether the target's bounding sphere is outside the picture, so that no ray is needed."""
-        eye = pose.position_ned
-        offset = (position_ned[0] - eye[0], position_ned[1] - eye[1], position_ned[2] - eye[2])
-        x, y, z = rotate_inverse(pose.attitude, offset)
+        x, y, z = in_camera(position_ned, pose)
         reach = self._radius + SPHERE_MARGIN_M
         across, under = camera.width / 2 / camera.focal_px, camera.height / 2 / camera.focal_px
         return (

@@ -102,8 +102,7 @@ def test_measured_depth_and_pixels_of_a_faced_target_match_the_picture(world: Wo
     attitude = level(bearing(start, world.target_centre(0.0)))
     view = Renderer(world.scene, HALF).render(camera_pose(start, attitude, HALF), world.moved(0.0))
     mine = view.ids == world.target_id
-    place, yaw = world.target_pose(0.0)
-    counted = patch(world.target, place, yaw, world.solids, start, attitude, HALF)
+    counted = patch(world.target, world.solids, start, attitude, HALF)
     assert counted.pixels == pytest.approx(int(mine.sum()), rel=0.02, abs=2)
     m = world.measure(0.0, start, attitude, HALF)
     assert m.visible

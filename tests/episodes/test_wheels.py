@@ -1,6 +1,7 @@
 """Every wheel of a driving target touches the ground, both in the pictures and in the judge's geometry."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,8 +55,7 @@ def test_wheels_of_standing_targets_touch_the_ground_and_pixel_counts_match(name
             assert abs(d - world.ground_down(n, e)) <= 0.03
     (north, east, down), level = world.target_centre(0.0), quat_from_euler(0.0, 0.0, 0.0)
     eye = (north - 7.0, east, down - 0.5)
-    place, turned = world.target_pose(0.0)
-    counted = sight.patch(world.target, place, turned, world.solids, eye, level, camera)
+    counted = sight.patch(world.target, world.solids, eye, level, camera)
     ids = Renderer(world.scene, camera).render(camera_pose(eye, level, camera)).ids
     assert counted.pixels == pytest.approx(int((ids == world.target_id).sum()), rel=0.01)
     assert counted.pixels > 1000
@@ -90,7 +90,8 @@ def test_the_judge_counts_the_drawn_pixels_of_a_target_on_a_slope():
     assert abs(quat_to_euler(_attitude(world, float(steepest)))[1]) > math.radians(4)
     north, east, down = world.target_centre(float(steepest))
     eye, level = (north - 7.0, east, down - 0.5), quat_from_euler(0.0, 0.0, 0.0)
-    counted = sight.patch(world.target, place, turned, world.solids, eye, level, camera)
+    target = replace(world.target, position_ned=place, attitude=turned)
+    counted = sight.patch(target, world.solids, eye, level, camera)
     ids = Renderer(world.scene, camera).render(camera_pose(eye, level, camera), world.moved(float(steepest))).ids
     drawn = int((ids == world.target_id).sum())
     assert drawn > 3000

@@ -33,7 +33,7 @@ from episodes.maps.scene import Instance, turn
 from episodes.world.target import motion
 from episodes.world.visibility import Occluder, Solids, SolidsUnion
 from episodes.world.world import World, solids
-from foundation.frames import Vec3, rotate, rotate_inverse
+from foundation.frames import Vec3, rotate, rotate_inverse, vec3
 
 LETTER_M = {"sign": lettering.LETTER_M}  # asset → height of its letters, m
 PLATE_LETTER_M = vehicles.DIGIT_M  # m, height of the letters of all other assets
@@ -56,7 +56,7 @@ def rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
     for instance, lookalike in zip(candidates[1:], record.candidates, strict=True):
         place, yaw = motion(lookalike).pose(0.0)
         off = abs(place[2] - world.ground_down(*place[:2]))
-        hit = obstacles.overlapping(box_of(instance, place, yaw, 0.0, LIFT_M), instance.name)
+        hit = obstacles.overlapping(box_of(instance.mesh, place, yaw, 0.0, LIFT_M), instance.name)
         measured = f"{off:.3f} m off the ground, in {hit or 'nothing'}"
         passed = off <= OFF_GROUND_M and not hit
         yield RuleFinding(f"{instance.name}'s footing", passed, measured, f"≤ {OFF_GROUND_M:g} m, in nothing")
@@ -92,9 +92,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
         around = SolidsUnion(of_map, Solids(i for i in candidates if i is not candidate))
         for drone, start in enumerate(world.record.starts):
             past = world.fleet.among(around, world.fleet.other_starts(drone).values())
-            attitude = level(start.yaw_deg)
-            place, turned = candidate.position_ned, candidate.turned
-            fewest = min(fewest, patch(candidate, place, turned, past, start.position_ned, attitude, CAMERA).pixels)
+            fewest = min(fewest, patch(candidate, past, start.position_ned, level(start.yaw_deg)).pixels)
             # other drones do not hide letters, because they move away
             highest = max(highest, letters_px(candidate, text, around, start.position_ned, start.yaw_deg))
     yield at_least("the smallest visible part of a candidate", fewest, SPOTTED_PX, "pixels", 0)
@@ -119,9 +117,9 @@ def letters_px(instance: Instance, text: str, past: Occluder, origin: Vec3, yaw_
     facing = toward > FACING
     if not facing.any():
         return 0.0
-    shown = ~past.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points[facing])
+    shown = ~past.hidden(vec3(eye), points[facing])
     height = LETTER_M.get(instance.kind, PLATE_LETTER_M)
-    depths = [rotate_inverse(attitude, (float(w[0]), float(w[1]), float(w[2])))[0] for w in way[facing][shown]]
+    depths = [rotate_inverse(attitude, vec3(w))[0] for w in way[facing][shown]]
     return max((READING_FOCAL_PX * height / depth for depth in depths if depth > 0.5), default=0.0)
 
 

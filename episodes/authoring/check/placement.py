@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from episodes.authoring.check.finding import (
     at_most,
     between,
 )
-from episodes.maps.scene import Instance, turn
+from episodes.maps.scene import Instance, Mesh, turn
 from episodes.records.record import StartPose
 from episodes.world.obstacles import REACH_M
 from episodes.world.target import TargetMotion, contact_patch, has_wheels, motion
@@ -59,10 +60,10 @@ class Box:
     yaw: float  # rad
 
 
-def box_of(instance: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: float = 0.0) -> Box:
-    """Return the box around an instance at a pose, with a margin. The box begins `lift_m` above the instance's foot."""
-    low = instance.mesh.vertices.min(axis=0).astype(np.float64) - margin_m
-    high = instance.mesh.vertices.max(axis=0).astype(np.float64) + margin_m
+def box_of(mesh: Mesh, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: float = 0.0) -> Box:
+    """Return the box around a mesh at a pose, with a margin. The box begins `lift_m` above the foot of the mesh."""
+    low = mesh.vertices.min(axis=0).astype(np.float64) - margin_m
+    high = mesh.vertices.max(axis=0).astype(np.float64) + margin_m
     high[2] = min(high[2], -lift_m)
     return Box(np.array(place) + turn(yaw) @ ((low + high) / 2), np.maximum((high - low) / 2, 0.01), yaw)
 
@@ -80,7 +81,7 @@ class StaticObstacles:
             middle = turn(instance.turned) @ ((low + high) / 2) + np.array(instance.position_ned)
             reach = np.abs(turn(instance.turned)) @ ((high - low) / 2)
             self._bounds[k] = middle - reach, middle + reach
-        self._placed: dict[int, Array] = {}
+        self._triangles = cache(lambda k: self._instances[k].triangles_ned())
 
     def nearest(self, point: Vec3, within_m: float) -> tuple[float, str]:
         """Return the distance (m) to the nearest obstacle and its name; (within_m, '') if all are farther."""
@@ -103,11 +104,6 @@ class StaticObstacles:
             if self._instances[k].name != but and overlaps(self._triangles(int(k)), box):
                 return self._instances[k].name
         return ""
-
-    def _triangles(self, k: int) -> Array:
-        if k not in self._placed:
-            self._placed[k] = self._instances[k].triangles_ned()
-        return self._placed[k]
 
 
 def overlaps(triangles: Array, box: Box) -> bool:
@@ -143,7 +139,7 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
         (north, east, down), yaw = motion(record.target).pose(0.0)  # the level pose; `wheels` checks the tilted pose
         off = abs(down - world.ground_down(north, east))
         yield at_most("the distance of the target's foot from the ground", off, OFF_GROUND_M, "m", 3)
-        met = obstacles.overlapping(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
+        met = obstacles.overlapping(box_of(world.target.mesh, (north, east, down), yaw, 0.0, LIFT_M), "target")
         yield RuleFinding("the obstacle at the target's place", not met, met or "nothing", "nothing")
         return
     yield path_off_ground(world)
@@ -208,7 +204,7 @@ def path_clear(world: World, obstacles: StaticObstacles) -> RuleFinding:
     way = motion(world.record.target)
     for t in _sweep(way):
         place, yaw = way.pose(float(t))
-        met = obstacles.overlapping(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
+        met = obstacles.overlapping(box_of(world.target.mesh, place, yaw, MARGIN_M, LIFT_M))
         if met:
             measured = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
             return RuleFinding("the obstacle on the target's path", False, measured, "nothing")

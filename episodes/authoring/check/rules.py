@@ -22,8 +22,9 @@ from episodes.maps.geometry import assemble, box
 from episodes.maps.scene import Instance, Material
 from episodes.records import catalogue
 from episodes.records.record import StartPose
-from episodes.world.visibility import Solids, SolidsUnion
+from episodes.world.visibility import Solids, SolidsUnion, in_camera
 from episodes.world.world import World, solids
+from foundation.camera import camera_pose
 from foundation.errors import UsageError
 from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import RADIUS_M, SPEED_MAX
@@ -143,12 +144,7 @@ def layout(world: World) -> Layout:
 
 def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
     """Return the column and the row (0 … 1) of a point in the picture of a level drone."""
-    yaw = math.radians(start.yaw_deg)
-    north, east = goal[0] - start.position_ned[0], goal[1] - start.position_ned[1]
-    lever = CAMERA.offset_frd
-    ahead = north * math.cos(yaw) + east * math.sin(yaw) - lever[0]
-    right = east * math.cos(yaw) - north * math.sin(yaw) - lever[1]
-    below = goal[2] - start.position_ned[2] - lever[2]
+    ahead, right, below = in_camera(goal, camera_pose(start.position_ned, level(start.yaw_deg), CAMERA))
     focal = CAMERA.focal_px / max(ahead, 1e-3)
     return 0.5 + focal * right / CAMERA.width, 0.5 + focal * below / CAMERA.height
 
@@ -195,8 +191,7 @@ def fewest_candidate_pixels(world: World) -> int:
     for target in targets:
         for drone, start in zip(drones, record.starts, strict=True):
             past = SolidsUnion(of_map, Solids(i for i in (*targets, *drones) if i is not target and i is not drone))
-            place, turned, attitude = target.position_ned, target.turned, level(start.yaw_deg)
-            fewest = min(fewest, patch(target, place, turned, past, start.position_ned, attitude, CAMERA).pixels)
+            fewest = min(fewest, patch(target, past, start.position_ned, level(start.yaw_deg)).pixels)
     return int(fewest)
 
 

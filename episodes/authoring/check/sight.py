@@ -15,10 +15,11 @@ from episodes.authoring.check.finding import BODY_M, DEFAULT_RULES, RULES, RuleF
 from episodes.maps.scene import Instance, Mesh, turn
 from episodes.world.rays import NOTHING as NO_TRIANGLE
 from episodes.world.rays import RayScene
+from episodes.world.target import on_line
 from episodes.world.visibility import NEAR_M, Occluder
 from episodes.world.world import World
 from foundation.camera import CameraModel
-from foundation.frames import Quat, Vec3, bearing_deg, quat_from_euler, rotate
+from foundation.frames import Quat, Vec3, bearing_deg, quat_from_euler, rotate, vec3
 from foundation.protocol import RADIUS_M
 from foundation.threads import once
 
@@ -47,32 +48,21 @@ class Patch:
 NOTHING = Patch(0, 0.0, 0.0)
 
 
-def patch(
-    target: Instance,
-    place: Vec3,
-    turned: float | Quat,
-    solids: Occluder,
-    origin: Vec3,
-    attitude: Quat,
-    camera: CameraModel,
-) -> Patch:
-    """Return the pixels that show a target at `place` in the picture of a drone at `origin` (both m, NED).
-
-    `turned` is the target's yaw (rad) or its attitude. `solids` may hide the target.
-    """
+def patch(target: Instance, solids: Occluder, origin: Vec3, attitude: Quat, camera: CameraModel = CAMERA) -> Patch:
+    """Return the pixels that show a target in the picture of a drone at `origin` (m, NED). `solids` may hide them."""
     axes = turn(attitude).T
     eye = np.array(origin) + np.array(rotate(attitude, camera.offset_frd))
-    to_world = turn(turned)
-    across, down = _reach(target, place, turned, eye, axes, camera)
+    to_world = turn(target.turned)
+    across, down = _reach(target, eye, axes, camera)
     if len(across) == 0 or len(down) == 0:
         return NOTHING
     way = pixel_rays(across, down, axes, camera)
     own = _traced(target.mesh)
-    hits = own.first_hits((eye - np.array(place)) @ to_world, way @ to_world)
+    hits = own.first_hits((eye - np.array(target.position_ned)) @ to_world, way @ to_world)
     shown = np.flatnonzero((hits.triangle != NO_TRIANGLE) & (hits.distance > NEAR_M))
     if len(shown):
         points = eye + way[shown] * hits.distance[shown, None].astype(np.float64)
-        shown = shown[~solids.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points)]
+        shown = shown[~solids.hidden(vec3(eye), points)]
     if len(shown) == 0:
         return NOTHING
     row, column = np.divmod(shown, len(across))
@@ -100,10 +90,10 @@ def _traced(mesh: Mesh) -> RayScene:
 
 
 def _reach(
-    target: Instance, place: Vec3, turned: float | Quat, eye: Array, axes: Array, camera: CameraModel
+    target: Instance, eye: Array, axes: Array, camera: CameraModel
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the columns and the rows of the picture that the target's box may cover."""
-    seen = (box_corners(target.mesh, place, turned) - eye) @ axes.T
+    seen = (box_corners(target.mesh, target.position_ned, target.turned) - eye) @ axes.T
     if (seen[:, 0] <= NEAR_M).all():
         return np.arange(0), np.arange(0)
     if (seen[:, 0] <= NEAR_M).any():  # the box is partly behind the camera, so it may be anywhere in the picture
@@ -244,9 +234,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
     """Return the target's pixels in the picture of the first drone, level at `origin`. Other drones can hide pixels."""
-    place, turned = world.target_pose(0.0)
-    past = world.past(world.fleet.other_starts(0).values())
-    return patch(world.target, place, turned, past, origin, level(yaw_deg), CAMERA)
+    return patch(world.target, world.past(world.fleet.other_starts(0).values()), origin, level(yaw_deg))
 
 
 def way_to_target(world: World) -> RuleFinding:
@@ -256,11 +244,5 @@ def way_to_target(world: World) -> RuleFinding:
     clear = max(span - RADIUS_M, 0.0)
     worst = math.inf
     for along in np.linspace(0.0, clear, min(max(2, math.ceil(clear / STEP_M) + 1), MOST_STEPS)):
-        u = float(along) / max(span, 1e-9)
-        point = (
-            start[0] + u * (goal[0] - start[0]),
-            start[1] + u * (goal[1] - start[1]),
-            start[2] + u * (goal[2] - start[2]),
-        )
-        worst = min(worst, world.clearance_m(point))
+        worst = min(worst, world.clearance_m(on_line(start, goal, float(along) / max(span, 1e-9))))
     return at_least("the free space around the straight way to the target", worst, BODY_M, "m")

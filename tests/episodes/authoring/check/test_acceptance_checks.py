@@ -138,8 +138,7 @@ def test_pixel_counts_match_the_renderer() -> None:
         turned, reach = rng.uniform(-math.pi, math.pi), rng.uniform(4.0, 20.0)
         spot = (goal[0] + reach * math.cos(turned), goal[1] + reach * math.sin(turned), -float(rng.uniform(1.5, 3.0)))
         attitude = quat_from_euler(0.0, 0.0, math.radians(bearing_deg(spot, goal)) + rng.uniform(-0.8, 0.8))
-        place, yaw = world.target_pose(0.0)
-        mine = sight.patch(world.target, place, yaw, world.solids, spot, attitude, camera)
+        mine = sight.patch(world.target, world.solids, spot, attitude, camera)
         drawn = renderer.render(camera_pose(spot, attitude, camera)).ids == world.target_id
         assert mine.pixels == pytest.approx(int(drawn.sum()), rel=0.01, abs=3)
         drawn_some += bool(drawn.any())
