@@ -21,7 +21,7 @@ from episodes.authoring.check.sight import CAMERA, box_corners, yaw_showing_all
 from episodes.authoring.propose.draft import BOARDS, Draw, Proposal, flight_seed, inscribed, instruction, plates
 from episodes.authoring.propose.site import PlacedTarget, Site, rounded, start
 from episodes.maps import assets
-from episodes.maps.scene import Instance, Spot
+from episodes.maps.scene import Spot
 from episodes.records.record import TargetRecord
 from foundation.frames import Vec3, bearing_deg, course
 
@@ -85,7 +85,8 @@ def _groups(
             continue
         records = [_candidate(site, asset, paint, texts[k], group[k], toward, rng) for k in range(CANDIDATES)]
         candidates = [site.placed(record) for record in records]
-        if any(_blocked(site, asset, candidate) for candidate in candidates):
+        boxes = (box_of(c.mesh, c.position_ned, c.yaw, 0.2, 0.12) for c in candidates)
+        if any(site.obstacles.overlapping(box) for box in boxes):
             continue
         for middle in middles[:VIEWS]:
             draft = _draft(site, records, candidates, middle, share, rng)
@@ -205,11 +206,6 @@ def _candidate(
         yaw = math.degrees(toward) + 180.0 + rng.uniform(-TURNED_DEG, TURNED_DEG)
     place = (round(north, 3), round(east, 3), round(site.ground(round(north, 3), round(east, 3)), 3))
     return TargetRecord(asset, paint, text, place, round(math.remainder(yaw, 360.0), 1))
-
-
-def _blocked(site: Site, asset: str, target: PlacedTarget) -> bool:
-    instance = Instance(1, "candidate", asset, target.mesh, target.position_ned, target.yaw)
-    return bool(site.obstacles.overlapping(box_of(instance, instance.position_ned, instance.yaw, 0.2, 0.12)))
 
 
 def _grid(site: Site, middle: tuple[float, float], ahead: float, heights_m: tuple[float, float]) -> list[Vec3]:

@@ -8,7 +8,8 @@ a moving asset. The instruction then names the target's place relative to landma
 import itertools
 import math
 import random
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from functools import partial
 
 from episodes.authoring.check import referring
 from episodes.authoring.check.finding import DEFAULT_RULES, RULES
@@ -87,8 +88,7 @@ def _parked(site: Site, asset: str, paint: str, rng: random.Random) -> TargetRec
     spot = rng.choice([s for s in site.places.spots if s.place in allowed] or site.places.spots)
     yaw = round(math.degrees(spot.yaw), 1)
     target = TargetRecord(asset, paint, None, rounded(spot.position_ned), math.remainder(yaw, 360.0))
-    instance = Instance(1, "target", asset, assets.build(asset, paint), spot.position_ned, math.radians(yaw))
-    box = box_of(instance, instance.position_ned, instance.yaw, BAY_M, 0.12)
+    box = box_of(assets.build(asset, paint), spot.position_ned, math.radians(yaw), BAY_M, 0.12)
     return None if site.obstacles.overlapping(box) else target
 
 
@@ -126,72 +126,62 @@ def _painted_starts(site: Site, cell: str, target: TargetRecord, share: Draw, rn
 
 def referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
     """Yield None, then a draft for each `Draw` sent in. Kinds take turns, and other values are random."""
-    if cell in MOVING:
-        yield from _moving_referred_drafts(site, cell, rng)
-        return
     share = yield None
+    kinds = _movers(site, rng) if cell in MOVING else _natives(site, rng)
+    barren = 0
+    while kinds and barren < EMPTY_ROUNDS_MAX:
+        barren += 1
+        for targets in kinds:
+            for target in targets():
+                draft = _referred_draft(site, cell, target, share, rng)
+                if draft is not None:
+                    share, barren = (yield draft), 0
+                    break
+
+
+def _natives(site: Site, rng: random.Random) -> list[Callable[[], Iterator[TargetRecord]]]:
+    """Return for each kind of fixture, in random order, a function that yields its instances in random order."""
     fixtures: dict[str, list[Instance]] = {}
     for instance in site.scene.instances:
         if instance.solid and instance.kind not in NO_TARGETS:
             fixtures.setdefault(instance.kind, []).append(instance)
     kinds = [kind for kind in sorted(fixtures) if len(fixtures[kind]) > 1]
     rng.shuffle(kinds)
-    barren = 0
-    while kinds and barren < EMPTY_ROUNDS_MAX:
-        barren += 1
-        for kind in kinds:
-            for instance in rng.sample(fixtures[kind], len(fixtures[kind])):
-                target, placed = _native(instance), site.native(instance)
-                draft = _referred_draft(site, cell, target, placed, instance.name, kind, share, rng)
-                if draft is not None:
-                    share, barren = (yield draft), 0
-                    break
+
+    def targets(instances: list[Instance]) -> Iterator[TargetRecord]:
+        for instance in rng.sample(instances, len(instances)):
+            yaw = round(math.degrees(math.remainder(instance.yaw, 2.0 * math.pi)), 1)
+            yield TargetRecord(instance.kind, None, None, rounded(instance.position_ned), yaw, native=instance.name)
+
+    return [partial(targets, fixtures[kind]) for kind in kinds]
 
 
-def _native(instance: Instance) -> TargetRecord:
-    yaw = round(math.degrees(math.remainder(instance.yaw, 2.0 * math.pi)), 1)
-    place = rounded(instance.position_ned)
-    return TargetRecord(instance.kind, None, None, place, yaw, native=instance.name)
-
-
-def _moving_referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    share = yield None
+def _movers(site: Site, rng: random.Random) -> list[Callable[[], Iterator[TargetRecord]]]:
+    """Return for each of MOVERS, in random order, a function that yields targets on random stretches of lanes."""
     movers = list(MOVERS)
     speed = RULES.get(site.name, DEFAULT_RULES).speed_mps or 0.15
     length = speed * CAP_S + REFERRED_SPARE_M
     lanes = [lane for lane in site.places.lanes if lane.length_m > length]
     rng.shuffle(movers)
-    barren = 0
-    while movers and lanes and barren < EMPTY_ROUNDS_MAX:
-        barren += 1
-        for asset in movers:
-            for _ in range(20):
-                lane = rng.choice(lanes)
-                first = rng.uniform(0.0, lane.length_m - length)
-                path = Path3D(stretch(lane.waypoints_ned, first, length, site.scene.terrain), speed)
-                paint = rng.choice(assets.PAINTS) if asset == "pedestrian" else PAINT
-                target = TargetRecord(asset, paint, path=path)
-                draft = _referred_draft(site, cell, target, site.placed(target), "target", kind_of(asset), share, rng)
-                if draft is not None:
-                    share, barren = (yield draft), 0
-                    break
+
+    def targets(asset: str) -> Iterator[TargetRecord]:
+        for _ in range(20):
+            lane = rng.choice(lanes)
+            first = rng.uniform(0.0, lane.length_m - length)
+            path = Path3D(stretch(lane.waypoints_ned, first, length, site.scene.terrain), speed)
+            paint = rng.choice(assets.PAINTS) if asset == "pedestrian" else PAINT
+            yield TargetRecord(asset, paint, path=path)
+
+    return [partial(targets, asset) for asset in movers if lanes]
 
 
-def _referred_draft(
-    site: Site,
-    cell: str,
-    target: TargetRecord,
-    placed: PlacedTarget,
-    name: str,
-    kind: str,
-    share: Draw,
-    rng: random.Random,
-) -> Proposal | None:
+def _referred_draft(site: Site, cell: str, target: TargetRecord, share: Draw, rng: random.Random) -> Proposal | None:
     """Return a draft with a start from which an expression denotes only the target; None if there is no such start.
 
     `share` sets the start distance within the map's range. For a moving target, the range ends where the target is too
     small in the picture. A randomly drawn relation is preferred. 'nearest' is the last choice, and is often skipped.
     """
+    placed, name, kind = site.placed(target), target.native or "target", kind_of(target.asset)
     rules = RULES.get(site.name, DEFAULT_RULES)
     nearest, farthest = rules.start_distance_m[0] + 0.2, rules.start_distance_m[1] - 0.3
     if cell in MOVING:  # moving targets are small; beyond this, every draw would fail

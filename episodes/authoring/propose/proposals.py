@@ -55,9 +55,11 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
     )
     for number, share in enumerate(shares(request.count, rng), request.first):
         for tried in range(TRIES):
-            draft = _next(drafts, share)
-            if draft is None:
-                raise no_room
+            try:
+                draft = drafts.send(share)
+            except StopIteration:
+                raise no_room from None
+            assert draft is not None  # a source yields None only once, before the first `Draw`
             if tried < SPACED_TRIES and any(math.dist(draft.placed.position_ned, place) < APART_M for place in places):
                 continue
             record = _record(request, number, draft)
@@ -104,14 +106,6 @@ def _keeps_suite_rules(request: RecordRequest, layouts: list[Layout]) -> bool:
     limits = rules.passable(request.cell not in HIDDEN, request.count)
     within = all(count <= limit for count, limit in zip(rules.passed(layouts), limits, strict=True))
     return request.count < rules.ENOUGH or within
-
-
-def _next(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
-    """Return the next draft for a draw; None if there are no more drafts."""
-    try:
-        return drafts.send(share)
-    except StopIteration:
-        return None
 
 
 def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:

@@ -8,6 +8,7 @@ import math
 import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from episodes.maps.scene import Instance, Mesh, Places
 from episodes.records.record import StartPose, TargetRecord
 from episodes.world import world
 from episodes.world.obstacles import REACH_M
-from episodes.world.target import motion
+from episodes.world.target import motion, on_line
 from episodes.world.visibility import SolidsExcept, TargetView
 from foundation.camera import camera_pose
 from foundation.frames import Vec3
@@ -114,7 +115,7 @@ class Site:
         self.scene = maps.build(name, seed)
         self.solids = world.solids(name, seed)
         self.obstacles = StaticObstacles(self.scene.instances)
-        self._natives: dict[str, PlacedTarget] = {}
+        self._native = cache(self._native_target)
 
     def free_paints(self) -> list[str]:
         """Return the paints that no asset on this map has, in the order of `assets.PAINTS`."""
@@ -123,19 +124,19 @@ class Site:
         return [paint for paint in assets.PAINTS if f"paint-{paint}" not in worn]
 
     def placed(self, target: TargetRecord) -> PlacedTarget:
-        """Return a target that a record places on the map."""
+        """Return a target of a record: one that is placed on the map, or an instance of the map."""
+        if target.native is not None:
+            return self._native(target.native)
         if target.paint is None:
             raise ValueError("only placed targets have a paint")
         mesh = assets.build(target.asset, target.paint, target.inscription)
         place, yaw = motion(target).pose(0.0)
         return PlacedTarget(mesh, place, yaw, TargetView(mesh, self.solids))
 
-    def native(self, instance: Instance) -> PlacedTarget:
-        """Return an instance of the map as a target."""
-        if instance.name not in self._natives:
-            view = TargetView(instance.mesh, SolidsExcept(self.solids, instance))
-            self._natives[instance.name] = PlacedTarget(instance.mesh, instance.position_ned, instance.yaw, view)
-        return self._natives[instance.name]
+    def _native_target(self, name: str) -> PlacedTarget:
+        instance = next(i for i in self.scene.instances if i.name == name)
+        view = TargetView(instance.mesh, SolidsExcept(self.solids, instance))
+        return PlacedTarget(instance.mesh, instance.position_ned, instance.yaw, view)
 
     def ground(self, north: float, east: float) -> float:
         """Return the NED z (m) of the ground."""
@@ -201,12 +202,7 @@ class Site:
         """
         span = math.dist(place, goal)
         for k in range(1, int((span - 5.0) / 1.5) + 1):
-            u = k * 1.5 / span
-            point = (
-                place[0] + u * (goal[0] - place[0]),
-                place[1] + u * (goal[1] - place[1]),
-                place[2] + u * (goal[2] - place[2]),
-            )
+            point = on_line(place, goal, k * 1.5 / span)
             is_low = self.ground(point[0], point[1]) - point[2] < BODY_M + 0.02
             if is_low or self.obstacles.nearest(point, BODY_M + 0.05)[1]:
                 return False
