@@ -67,8 +67,8 @@ def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), cross[which] / area[which, None]
 
 
-class Solids:
-    """Static solids, indexed for ray casting."""
+class HardSolids:
+    """The surfaces of static solids, without leaves."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
         self._instances = [i for i in instances if i.solid and not i.movable]
@@ -77,6 +77,32 @@ class Solids:
             placed = instance.vertices_ned()
             self._boxes[k] = placed.min(axis=0), placed.max(axis=0)
         self._hard = [i.mesh.without_foliage() for i in self._instances]
+
+    def nearest(self, point: Vec3, within_m: float = math.inf) -> tuple[float, str]:
+        """Return the distance (m) to the nearest surface and its solid's name; (within_m, '') if all are farther."""
+        p = np.array(point)
+        outside = np.maximum(np.maximum(self._boxes[:, 0] - p, p - self._boxes[:, 1]), 0.0)
+        to_box = np.linalg.norm(outside, axis=1)
+        order = np.argsort(to_box)
+        best, found = within_m, -1
+        for k in order[to_box[order] < within_m]:
+            if to_box[k] > best:
+                break
+            instance = self._instances[k]
+            local = turn(instance.turned).T @ (p - np.array(instance.position_ned))
+            best, found = min((best, found), (distance_to_mesh(self._hard[k], local), k))
+        return best, self._instances[found].name if found >= 0 else ""
+
+    def clearance_m(self, point: Vec3) -> float:
+        """Return the distance (m) from a point to the nearest surface."""
+        return self.nearest(point)[0]
+
+
+class Solids(HardSolids):
+    """Static solids, indexed for ray casting."""
+
+    def __init__(self, instances: Iterable[Instance]) -> None:
+        super().__init__(instances)
         self._owner = np.repeat(np.arange(len(self._instances)), [len(i.mesh.triangles) for i in self._instances])
         self._scene = RayScene.of_instances(self._instances)
 
@@ -89,20 +115,6 @@ class Solids:
         unit = np.array(direction) / np.linalg.norm(direction)
         hits = self._scene.first_hits(origin, unit[None])
         return float(hits.distance[0]) if hits.triangle[0] != NOTHING else math.inf
-
-    def clearance_m(self, point: Vec3) -> float:
-        """Return the distance (m) from a point to the nearest solid surface. Leaves do not count."""
-        p = np.array(point)
-        outside = np.maximum(np.maximum(self._boxes[:, 0] - p, p - self._boxes[:, 1]), 0.0)
-        to_box = np.linalg.norm(outside, axis=1)
-        best = math.inf
-        for k in np.argsort(to_box):
-            if to_box[k] >= best:
-                break
-            instance = self._instances[k]
-            local = turn(instance.turned).T @ (p - np.array(instance.position_ned))
-            best = min(best, distance_to_mesh(self._hard[k], local))
-        return best
 
 
 class SolidsUnion(Solids):
@@ -118,8 +130,8 @@ class SolidsUnion(Solids):
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
         return min(group.range_m(origin, direction) for group in self._groups)
 
-    def clearance_m(self, point: Vec3) -> float:
-        return min(group.clearance_m(point) for group in self._groups)
+    def nearest(self, point: Vec3, within_m: float = math.inf) -> tuple[float, str]:
+        return min(group.nearest(point, within_m) for group in self._groups)
 
 
 class SolidsExcept(Solids):

@@ -34,7 +34,7 @@ from episodes.maps.scene import Instance, Mesh, turn
 from episodes.records.record import StartPose
 from episodes.world.obstacles import REACH_M
 from episodes.world.target import TargetMotion, contact_patch, has_wheels, motion
-from episodes.world.visibility import distance_to_mesh
+from episodes.world.visibility import HardSolids
 from episodes.world.world import World
 from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import CAP_S
@@ -68,38 +68,18 @@ def box_of(mesh: Mesh, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: f
     return Box(np.array(place) + turn(yaw) @ ((low + high) / 2), np.maximum((high - low) / 2, 0.01), yaw)
 
 
-class StaticObstacles:
+class StaticObstacles(HardSolids):
     """All static solids of a scene, except the ground and leaves."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
-        solids = (i for i in instances if i.solid and not i.movable and i.kind != "ground")
-        self._instances = [replace(i, mesh=i.mesh.without_foliage()) for i in solids]
-        self._bounds = np.zeros((len(self._instances), 2, 3))
-        for k, instance in enumerate(self._instances):
-            # axis-aligned bounds of the turned box: half extents = |rotation matrix| · half extents of the mesh
-            low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
-            middle = turn(instance.turned) @ ((low + high) / 2) + np.array(instance.position_ned)
-            reach = np.abs(turn(instance.turned)) @ ((high - low) / 2)
-            self._bounds[k] = middle - reach, middle + reach
-        self._triangles = cache(lambda k: self._instances[k].triangles_ned())
-
-    def nearest(self, point: Vec3, within_m: float) -> tuple[float, str]:
-        """Return the distance (m) to the nearest obstacle and its name; (within_m, '') if all are farther."""
-        p = np.array(point)
-        outside = np.maximum(np.maximum(self._bounds[:, 0] - p, p - self._bounds[:, 1]), 0.0)
-        best, name = within_m, ""
-        for k in np.flatnonzero(np.linalg.norm(outside, axis=1) < within_m):
-            instance = self._instances[k]
-            gap = distance_to_mesh(instance.mesh, turn(instance.turned).T @ (p - np.array(instance.position_ned)))
-            if gap < best:
-                best, name = gap, instance.name
-        return best, name
+        super().__init__(i for i in instances if i.kind != "ground")
+        self._triangles = cache(lambda k: replace(self._instances[k], mesh=self._hard[k]).triangles_ned())
 
     def overlapping(self, box: Box, but: str = "") -> str:
         """Return the name of an obstacle whose surface overlaps the box, or ''. The obstacle named `but` is ignored."""
         reach = np.abs(turn(box.yaw)) @ box.half
         low, high = box.centre_ned - reach, box.centre_ned + reach
-        near = (self._bounds[:, 0] <= high).all(axis=1) & (self._bounds[:, 1] >= low).all(axis=1)
+        near = (self._boxes[:, 0] <= high).all(axis=1) & (self._boxes[:, 1] >= low).all(axis=1)
         for k in np.flatnonzero(near):
             if self._instances[k].name != but and overlaps(self._triangles(int(k)), box):
                 return self._instances[k].name
