@@ -152,13 +152,11 @@ def build(seed: int = 1) -> Scene:
         instances.append(Instance(len(instances) + 1, f"{kind}-{count[kind]}", kind, mesh, place, yaw))
     side = round(2 * REACH / CELL) + 1
     return Scene(
-        name="blocks",
-        instances=tuple(instances),
-        terrain=HeightField(-REACH, -REACH, CELL, np.zeros((side, side))),
-        sun=sun_at(ORIGIN[0], JULY, HOUR),
-        latitude_deg=ORIGIN[0],
-        longitude_deg=ORIGIN[1],
-        altitude_m=ORIGIN[2],
+        "blocks",
+        tuple(instances),
+        HeightField(-REACH, -REACH, CELL, np.zeros((side, side))),
+        sun_at(ORIGIN[0], JULY, HOUR),
+        *ORIGIN,
         notes=("Four free fields lie north-east, north-west, south-east and south-west of the middle.",),
     )
 

@@ -88,13 +88,11 @@ def build(seed: int = 1) -> Scene:
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
         add(kind, mesh, north, east, terrain.at(north, east), yaw)
     return Scene(
-        name="campus",
-        instances=tuple(instances),
-        terrain=terrain,
-        sun=sun_at(ORIGIN[0], MAY, HOUR),
-        latitude_deg=ORIGIN[0],
-        longitude_deg=ORIGIN[1],
-        altitude_m=ORIGIN[2],
+        "campus",
+        tuple(instances),
+        terrain,
+        sun_at(ORIGIN[0], MAY, HOUR),
+        *ORIGIN,
         spawn_ned=(12.0, 0.0, terrain.at(12.0, 0.0)),
         spawn_yaw=math.pi,
         notes=("The library stands north of the plaza; walks lead from it to the halls east, south and west.",),

@@ -17,7 +17,8 @@ from foundation.frames import Vec3
 
 Array = NDArray[np.float64]
 
-PlanBox = tuple[float, float, float, Array, Array]  # footprint: north, east (m), yaw (rad), low, high corner (2,)
+Corner = Array | tuple[float, float]
+PlanBox = tuple[float, float, float, Corner, Corner]  # footprint: north, east (m), yaw (rad), low, high corner (2,)
 
 PlanRect = tuple[tuple[float, float], tuple[float, float]]  # lower and upper corner, m in x and y
 
@@ -198,6 +199,13 @@ def box(low: ArrayLike, high: ArrayLike, material: Material, tile_m: float = 1.0
     a, b = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
     corners = a + _CUBE * (b - a)
     return MeshPart(corners, _CUBE_NORMAL, np.matmul(corners, _CUBE_UV.transpose(0, 2, 1)) / tile_m, material)
+
+
+def cap(ring: ArrayLike, material: Material, faces_back: bool = False) -> MeshPart:
+    """Return a flat convex ring (N, 3); `faces_back`: it is counter-clockwise seen from the other side."""
+    corners = np.asarray(ring, dtype=np.float64)
+    step = -1 if faces_back else 1
+    return soup(corners[[(0, k, k + 1)[::step] for k in range(1, len(corners) - 1)]], material, 0.0)
 
 
 def prism(ring: ArrayLike, z0: float, z1: float, material: Material, tile_m: float = 1.0) -> MeshPart:

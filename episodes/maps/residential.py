@@ -301,13 +301,11 @@ def build(seed: int = 1) -> Scene:
     azimuth, elevation = np.radians(142.0), np.radians(50.0)  # late morning, northern summer
     sun = vec3((np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), -np.sin(elevation)))
     return Scene(
-        name="residential",
-        instances=tuple(instances),
-        terrain=terrain,
-        sun=Sun(sun),
-        latitude_deg=PX4_HOME[0],
-        longitude_deg=PX4_HOME[1],
-        altitude_m=PX4_HOME[2],
+        "residential",
+        tuple(instances),
+        terrain,
+        Sun(sun),
+        *PX4_HOME,
         spawn_ned=(0.0, 0.0, terrain.at(0.0, 0.0)),
         notes=("Main Street and Orchard Street run north, Hill Road and Mill Road east.",),
     )

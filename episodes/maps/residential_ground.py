@@ -241,5 +241,5 @@ def markings(ground_at: HeightField) -> Mesh:
             (n + 0.32 * c, -e + 0.32 * s, 0.006 - ground_at.at(n, e))
             for c, s in zip(np.cos(turn), np.sin(turn), strict=True)
         ]
-        solids.append(g.soup([(ring[0], ring[k], ring[k + 1]) for k in range(1, 11)], TRIM, 0.0))
+        solids.append(g.cap(ring, TRIM))
     return g.assemble(solids)

@@ -21,6 +21,7 @@ from episodes import maps
 from episodes.authoring.check.finding import RuleFinding
 from episodes.authoring.check.sight import level, pixel_rays
 from episodes.maps import assets
+from episodes.maps.geometry import gap_m
 from episodes.maps.scene import Instance, Places, turn
 from episodes.records.record import EpisodeRecord
 from episodes.world.rays import NOTHING, RayScene
@@ -90,10 +91,8 @@ class Footprint:
 
     def distance_m(self, spot: Point) -> float:
         """Return the distance (m) from a spot to the edge of the rectangle; 0 inside."""
-        north, east = spot[0] - self.north, spot[1] - self.east
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        ahead, right = abs(c * north + s * east), abs(-s * north + c * east)
-        return math.hypot(max(ahead - self.half[0], 0.0), max(right - self.half[1], 0.0))
+        low = (-self.half[0], -self.half[1])
+        return gap_m(*spot, (self.north, self.east, self.yaw, low, self.half))
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,9 +133,7 @@ def motorcycle(paint: str, plate: str) -> Mesh:
         ring = [low, high] if s > 0 else [high, low]
         closed = [[*r, r[0]] for r in ring]
         solids.append(g.grid(np.array(closed), shell, 50.0))
-        cap = np.array(high)
-        fan = np.array([(0, k, k + 1) for k in range(1, 5)])
-        solids.append(g.soup(cap[fan if s < 0 else fan[:, ::-1]], shell, 0.0))
+        solids.append(g.cap(high, shell, faces_back=s > 0))
     screen = np.array([[(0.66, -0.24, 1.03), (0.66, 0.24, 1.03)], [(0.44, -0.20, 1.38), (0.44, 0.20, 1.38)]])
     solids += [g.grid(screen[::-1], materials.GLASS), g.grid(screen - (0.012, 0, 0), materials.GLASS)]
     arc = np.linspace(0.25 * np.pi, 0.9 * np.pi, 9)

@@ -138,10 +138,7 @@ def delivery_robot(paint: str) -> Mesh:
     for y, k in ((-0.55, 0.93), (-0.49, 0.985), (-0.40, 1.0), (0.40, 1.0), (0.49, 0.985), (0.55, 0.93)):
         rings.append([(x * k, y, 1.03 + (z - 1.03) * k) for x, z in [*side, side[0]]])
     skin = g.grid(np.array(rings)[::-1], shell, 40.0)
-    caps = []
-    for row, flip in ((rings[0], -1), (rings[-1], 1)):
-        loop = np.array(row[:-1])
-        caps.append(g.soup(loop[np.array([(0, k, k + 1)[::flip] for k in range(1, len(loop) - 1)])], shell, 0.0))
+    caps = [g.cap(rings[0][:-1], shell, faces_back=True), g.cap(rings[-1][:-1], shell)]
     solids = [skin, *caps, g.box((-0.95, -0.46, 0.26), (0.95, 0.46, 0.46), materials.TRIM)]
     for x in (-0.72, 0.72):
         for y in (-0.46, 0.46):

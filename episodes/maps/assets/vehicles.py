@@ -139,12 +139,7 @@ def body(shape: CarShape, material: Material, rise_m: float = 0.20) -> list[Mesh
     skin = [g.grid(points[::-1, 1:-1], material, crease_deg=42.0)]
     # the underside, which is also the roof of the wheel housings, is never painted
     skin += [g.grid(points[::-1, pair], materials.SHADOW) for pair in (slice(0, 2), slice(-2, None))]
-    ends = []
-    for row, turn in ((points[0], -1), (points[-1], 1)):
-        loop = row[:-1]
-        fan = np.array([(0, k, k + 1)[::turn] for k in range(1, len(loop) - 1)])
-        ends.append(g.soup(loop[fan], material, 0.0))
-    return [*skin, *ends]
+    return [*skin, g.cap(points[0][:-1], material, faces_back=True), g.cap(points[-1][:-1], material)]
 
 
 def _cabin_side(shape: CarShape, x: float, z: float) -> float:
