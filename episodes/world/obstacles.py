@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,17 +34,18 @@ def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
         together = with_more(of_map, *added) if added[2] else of_map
         if together:
             return replace(together, moving=box)
-    triangles, owner, names = _static_triangles(scene.instances)
-    return sorted_into_cells(triangles, owner, names, reach_m, moving=box) if names else replace(OPEN, moving=box)
+    return replace(_sorted(scene.instances, reach_m) or OPEN, moving=box)
 
 
 @once(3)
 def _of_map(scene: Scene, reach_m: float) -> Obstacles | None:
-    def computed() -> Obstacles | None:
-        triangles, owner, names = _static_triangles(scene.instances)
-        return sorted_into_cells(triangles, owner, names, reach_m) if names else None
+    name = f"obstacles-{reach_m:g}"
+    return kept_of_scene(name, SOURCES, scene, lambda: _sorted(scene.instances, reach_m))
 
-    return kept_of_scene(f"obstacles-{reach_m:g}", SOURCES, scene, computed)
+
+def _sorted(instances: Sequence[Instance], reach_m: float) -> Obstacles | None:
+    triangles, owner, names = _static_triangles(instances)
+    return sorted_into_cells(triangles, owner, names, reach_m) if names else None
 
 
 def _static_triangles(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:
@@ -62,20 +62,12 @@ def bounding_box(instance: Instance) -> MovingBox:
     return MovingBox(instance.name, vec3((high - low) / 2), vec3((high + low) / 2))
 
 
-def sorted_into_cells(
-    triangles: Array,
-    owner: NDArray[np.int32],
-    names: tuple[str, ...],
-    reach_m: float,
-    *,
-    cell_m: float = CELL_M,
-    moving: MovingBox | None = None,
-) -> Obstacles:
+def sorted_into_cells(triangles: Array, owner: NDArray[np.int32], names: tuple[str, ...], reach_m: float) -> Obstacles:
     """Return triangles (T, 3, 3), m NED, as Obstacles. Each cell lists the triangles within `reach_m` of the cell."""
     low, high = triangles.min(axis=(0, 1)) - reach_m, triangles.max(axis=(0, 1)) + reach_m
-    origin = np.floor(low / cell_m) * cell_m
-    cells = np.ceil((high - origin) / cell_m).astype(np.int64)
-    number, which = _in_cells(triangles, _Grid(origin, cells, cell_m, reach_m))
+    origin = np.floor(low / CELL_M) * CELL_M
+    cells = np.ceil((high - origin) / CELL_M).astype(np.int64)
+    number, which = _in_cells(triangles, origin, cells, reach_m)
     start = np.zeros(cells.prod() + 1, np.int32)
     start[1:] = np.cumsum(np.bincount(number, minlength=cells.prod()))
     return Obstacles(
@@ -84,12 +76,11 @@ def sorted_into_cells(
         owner=owner,
         names=names,
         origin_ned=vec3(origin),
-        cell_m=cell_m,
+        cell_m=CELL_M,
         cells=(int(cells[0]), int(cells[1]), int(cells[2])),
         start=start,
         index=which[np.argsort(number, kind="stable")],
         reach_m=reach_m,
-        moving=moving,
     )
 
 
@@ -102,9 +93,9 @@ def with_more(
     """
     low, high = triangles.min(axis=(0, 1)) - before.reach_m, triangles.max(axis=(0, 1)) + before.reach_m
     origin, cells = np.array(before.origin_ned), np.array(before.cells, np.int64)
-    if (low < origin).any() or (np.ceil((high - origin) / before.cell_m) > cells).any():
+    if (low < origin).any() or (np.ceil((high - origin) / CELL_M) > cells).any():
         return None
-    number, which = _in_cells(triangles, _Grid(origin, cells, before.cell_m, before.reach_m))
+    number, which = _in_cells(triangles, origin, cells, before.reach_m)
     order = np.argsort(number, kind="stable")
     number, which = number[order], which[order] + np.int32(len(before.corners))
     start = before.start.copy()
@@ -127,32 +118,27 @@ def _bounds(triangles: Array) -> NDArray[np.float32]:
     return np.column_stack([middle, radius]).astype(np.float32)
 
 
-class _Grid(NamedTuple):
-    """The cells into which triangles are sorted. The fields are as in `Obstacles`."""
-
-    origin: Array  # (3,) m, NED
-    cells: NDArray[np.int64]  # (3,)
-    cell_m: float
-    reach_m: float
-
-
-def _in_cells(triangles: Array, grid: _Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _in_cells(
+    triangles: Array, origin: Array, cells: NDArray[np.int64], reach_m: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the pairs (cell, triangle) of all triangles, computed batch by batch with `_cells_of`."""
-    pairs = [_cells_of(triangles[k : k + BATCH], k, grid) for k in range(0, len(triangles), BATCH)]
+    batches = range(0, len(triangles), BATCH)
+    pairs = [_cells_of(triangles[k : k + BATCH], k, origin, cells, reach_m) for k in batches]
     return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
 
 
-def _cells_of(triangles: Array, number: int, grid: _Grid) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _cells_of(
+    triangles: Array, number: int, origin: Array, cells: NDArray[np.int64], reach_m: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return a pair (cell, triangle) for each triangle of a batch and each cell within `reach_m` of the triangle.
 
     `number`: index of the batch's first triangle among all triangles.
 
     Cells far from a triangle's plane are left out. Otherwise a slanted roof would fill all cells of its bounding box.
     """
-    origin, cells, cell_m, reach_m = grid
     low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
-    first = np.floor((low - origin) / cell_m).astype(np.int32)
-    span = np.minimum(np.floor((high - origin) / cell_m).astype(np.int32), cells - 1) - first + 1
+    first = np.floor((low - origin) / CELL_M).astype(np.int32)
+    span = np.minimum(np.floor((high - origin) / CELL_M).astype(np.int32), cells - 1) - first + 1
     count = span.prod(axis=1)
     which = np.repeat(np.arange(len(triangles)), count)
     step = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
@@ -161,7 +147,7 @@ def _cells_of(triangles: Array, number: int, grid: _Grid) -> tuple[NDArray[np.in
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     offset = np.einsum("ij,ij->i", normal, triangles[:, 0] - origin)
-    away = np.einsum("ij,ij->i", normal[which], (cell + 0.5) * cell_m) - offset[which]
-    near = np.abs(away) <= reach_m + math.sqrt(0.75) * cell_m
+    away = np.einsum("ij,ij->i", normal[which], (cell + 0.5) * CELL_M) - offset[which]
+    near = np.abs(away) <= reach_m + math.sqrt(0.75) * CELL_M
     flat = (cell[:, 0] * cells[1] + cell[:, 1]) * cells[2] + cell[:, 2]
     return flat[near].astype(np.int32), (which[near] + number).astype(np.int32)

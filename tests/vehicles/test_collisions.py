@@ -32,9 +32,8 @@ def block(centre: tuple[float, float, float], half: tuple[float, float, float]) 
 
 def solid(*blocks: np.ndarray, moving: MovingBox | None = None) -> Obstacles:
     owner = np.repeat(np.arange(len(blocks), dtype=np.int32), [len(b) for b in blocks])
-    return sorted_into_cells(
-        np.concatenate(blocks), owner, tuple(f"block-{k}" for k in range(len(blocks))), 0.7, moving=moving
-    )
+    names = tuple(f"block-{k}" for k in range(len(blocks)))
+    return replace(sorted_into_cells(np.concatenate(blocks), owner, names, 0.7), moving=moving)
 
 
 WALL = solid(block((6.0, 0.0, -4.0), (1.0, 8.0, 5.0)))  # its face is at 5 m north
