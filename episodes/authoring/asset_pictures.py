@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from episodes.authoring.scene_pictures import CENTRED, Picture, jpeg, rendered, write_picture
+from episodes.authoring.scene_pictures import CENTRED, jpeg, rendered, write_picture
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps import geometry as g
@@ -24,7 +24,7 @@ from episodes.maps.assets.lettering import LETTER_M
 from episodes.maps.assets.materials import surface
 from episodes.maps.assets.multirotor import X500, multirotor
 from episodes.maps.assets.vehicles import DIGIT_M
-from episodes.maps.scene import Instance, Mesh, Scene, Sun
+from episodes.maps.scene import Instance, Mesh, Picture, Scene, Sun
 from episodes.records import catalogue
 from foundation.camera import WIDTH_MAX, CameraPose, encode
 from foundation.errors import UsageError

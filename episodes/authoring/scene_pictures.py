@@ -9,13 +9,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from episodes import maps
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
 from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor
 from episodes.camera.renderer.renderer import Renderer
-from episodes.maps.scene import Scene
+from episodes.maps.scene import Picture, Scene
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from episodes.world.world import World
@@ -25,7 +24,6 @@ from foundation.errors import UsageError
 from foundation.files import file_errors_as
 from foundation.frames import quat_from_euler
 
-Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
 Rect = tuple[int, int, int, int]  # px: left, top, right, bottom
 
 # Plans

@@ -13,8 +13,7 @@ import numpy as np
 from episodes.maps import countryside
 from episodes.maps import geometry as g
 from episodes.maps.assets.materials import surface
-from episodes.maps.geometry import Array
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.scene import Array, Material, Mesh
 from foundation.frames import course
 from foundation.terrain import HeightField
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from episodes.maps.assets.leaves import SHADE
 from episodes.maps.geometry import connected
-from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
+from episodes.maps.scene import Instance, Material, Mesh, Picture, Scene, Sun
 from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.frames import Vec3, vec3
 from foundation.threads import once
@@ -49,8 +49,6 @@ HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, y
 STRAW: Vec3 = (1.22, 1.0, 0.78)  # factor on the colour of grass
 FALLEN = 260  # number of fallen leaves per repeat of the grass texture
 FALLEN_PX = (3, 6)  # texels, range of the half length of a fallen leaf
-
-Picture = NDArray[np.uint8]
 
 
 @once(3)  # a run flies many episodes on one map; scenes are immutable

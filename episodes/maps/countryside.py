@@ -11,9 +11,8 @@ import cv2
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets.materials import Picture, noise
-from episodes.maps.geometry import Array
-from episodes.maps.scene import Material
+from episodes.maps.assets.materials import noise
+from episodes.maps.scene import Array, Material, Picture
 
 HORIZON_M = 9000.0  # half extent of the land
 OVERLAP_M, DROP_M = 8.0, 0.4  # the land reaches this far under the map's edge, and lies this much lower there

@@ -12,10 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.scene import Array, Material, Mesh
 from foundation.frames import Vec3
-
-Array = NDArray[np.float64]
 
 Corner = Array | tuple[float, float]
 PlanBox = tuple[float, float, float, Corner, Corner]  # footprint: north, east (m), yaw (rad), low, high corner (2,)

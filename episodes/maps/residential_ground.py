@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from episodes.maps import countryside
 from episodes.maps import geometry as g
 from episodes.maps.assets.materials import TRIM, WHITE_WOOD, surface
-from episodes.maps.geometry import Array
 from episodes.maps.residential_plan import (
     CORNER,
     DEPTH,
@@ -27,7 +26,7 @@ from episodes.maps.residential_plan import (
     away,
     height,
 )
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.scene import Array, Material, Mesh
 from foundation.terrain import HeightField
 
 STEP_M = 5.0  # default spacing of the lattice

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from episodes.maps import residential_plan as plan
-from episodes.maps.geometry import Array
 from episodes.maps.residential import KERBSIDE_OUT, Furnishing, bays, furnishings, heading
 from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Street
-from episodes.maps.scene import Lane, Places, Spot
+from episodes.maps.scene import Array, Lane, Places, Spot
 from foundation.frames import Vec3, course
 
 # place → length and width (m) that must be free

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from episodes.maps.assets import house_plans
-from episodes.maps.geometry import Array
+from episodes.maps.scene import Array
 from foundation.terrain import HeightField
 
 REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; outside, the edge height applies

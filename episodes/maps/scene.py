@@ -20,6 +20,8 @@ from foundation.kept_values import kept
 from foundation.terrain import HeightField
 from foundation.threads import once
 
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
 # id → new pose of an instance: (position_ned m, yaw rad or attitude FRD → NED); None: not drawn
 Moved = Mapping[int, tuple[Vec3, float | Quat] | None]
 

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.assets.multirotor import X500, Outline, multirotor
-from episodes.maps.scene import Instance, Moved, turn
+from episodes.maps.scene import Array, Instance, Moved, turn
 from episodes.records.record import StartPose
 from episodes.world.rays import BEFORE, RayScene
 from episodes.world.visibility import Occluder
 from foundation.frames import Quat, Vec3, quat_from_euler
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.scene import Instance, Scene, kept_of_scene
+from episodes.maps.scene import Array, Instance, Scene, kept_of_scene
 from foundation.frames import vec3
 from foundation.terrain import OPEN, MovingBox, Obstacles
 from foundation.threads import once
@@ -16,8 +16,6 @@ CELL_M = 2.0
 SOURCES = ("episodes/world/obstacles.py", "episodes/maps/scene.py", "foundation/*.py")  # cached values depend on these
 BATCH = 4096  # triangles sorted at a time, to limit the memory that sorting takes
 REACH_M = 0.7  # m, from a vehicle's origin to its farthest part, with room for the camera 0.5 m ahead
-
-Array = NDArray[np.float64]
 
 
 def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.scene import Instance, Mesh, turn
+from episodes.maps.scene import Array, Instance, Mesh, turn
 from episodes.world.rays import BEFORE, NOTHING, RayScene
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Quat, Vec3, rotate_inverse
@@ -20,8 +20,6 @@ SAMPLES = 1600  # points on the target's whole surface; about 300 … 500 of the
 SPHERE_MARGIN_M = 0.01  # m, margin around the target's bounding sphere for rounding errors
 NEAR_M = 0.05  # m, the renderer's near plane
 VISIBLE_FRACTION = 0.05  # a target is visible if at least this share of its silhouette is in the picture and not hidden
-
-Array = NDArray[np.float64]
 
 EDGES = tuple(
     (a, b) for a, b in itertools.combinations(range(8), 2) if (a ^ b).bit_count() == 1

@@ -30,7 +30,7 @@ from episodes.authoring.check.finding import (
     at_most,
     between,
 )
-from episodes.maps.scene import Instance, Mesh, turn
+from episodes.maps.scene import Array, Instance, Mesh, turn
 from episodes.records.record import StartPose
 from episodes.world.obstacles import REACH_M
 from episodes.world.target import TargetMotion, contact_patch, has_wheels, motion
@@ -38,8 +38,6 @@ from episodes.world.visibility import HardSolids
 from episodes.world.world import World
 from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import CAP_S
-
-Array = NDArray[np.float64]
 
 GROUND_STEP_M = 0.1  # between checked points of a path
 SWEEP_STEP_M = 0.25  # between checked poses of a moving target

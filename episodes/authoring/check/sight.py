@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.authoring.check.finding import BODY_M, DEFAULT_RULES, RULES, RuleFinding, at_least, between
-from episodes.maps.scene import Instance, Mesh, turn
+from episodes.maps.scene import Array, Instance, Mesh, turn
 from episodes.world.rays import NOTHING as NO_TRIANGLE
 from episodes.world.rays import RayScene
 from episodes.world.target import on_line
@@ -22,8 +22,6 @@ from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, bearing_deg, quat_from_euler, rotate, vec3
 from foundation.protocol import RADIUS_M
 from foundation.threads import once
-
-Array = NDArray[np.float64]
 
 STEP_DEG = 0.1  # between the yaws of a Framing
 EDGE_DEG = 1.0  # a thing is completely inside the picture if it is at least this far from the picture's edge

@@ -11,8 +11,8 @@ import numpy as np
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials
 from episodes.maps.assets.materials import linear, surface
-from episodes.maps.geometry import Array, MeshPart
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.geometry import MeshPart
+from episodes.maps.scene import Array, Material, Mesh
 
 FLOOR_M = 0.45  # height of the ground floor above the ground: three steps
 FOOT_M = 0.8  # walls reach this far below the ground, because the ground slopes

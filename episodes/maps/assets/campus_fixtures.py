@@ -13,8 +13,8 @@ import numpy as np
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials, plants
 from episodes.maps.assets.materials import surface
-from episodes.maps.geometry import Array, MeshPart
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.geometry import MeshPart
+from episodes.maps.scene import Array, Material, Mesh
 
 IRON = materials.plain("campus-iron", (48, 52, 54), 0.3)
 CAST = materials.plain("cast-concrete", (172, 168, 160))

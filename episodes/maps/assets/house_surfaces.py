@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from episodes.maps.assets.house_plans import BRICKS, ROOFS, TRIMS, WALLS, HousePlan
-from episodes.maps.assets.materials import Picture, linear, noise, plain, surface, texture, tinted
-from episodes.maps.scene import Material
+from episodes.maps.assets.materials import linear, noise, plain, surface, texture, tinted
+from episodes.maps.scene import Material, Picture
 
 TILE_M = {"brick": 0.6, "pale_brick": 0.6, "tiles": 1.6, "seams": 1.8}  # m per repeat of a texture; all others: 1.6
 

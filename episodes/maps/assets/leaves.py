@@ -11,10 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.assets.materials import Picture, Srgb, fill_holes, linear, noise, tinted
-from episodes.maps.scene import Material
-
-Array = NDArray[np.float64]
+from episodes.maps.assets.materials import Srgb, fill_holes, linear, noise, tinted
+from episodes.maps.scene import Array, Material, Picture
 
 SIDE = 256  # texels, width and height of a sprig
 FINE = 2  # textures are drawn this many times larger, then reduced

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.scene import Material, Mesh, Picture
 from foundation.frames import Vec3
 
 CAP_PX = 40  # height of a capital in all pictures of this module
@@ -28,8 +28,6 @@ LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episod
 BOARD_M = (1.2, 0.8)  # least width and height of a sign's board
 BOARD_FOOT_M = 0.75  # height of the board's lower edge above the ground
 PAPER, INK = (242, 242, 238), (24, 26, 30)
-
-Picture = NDArray[np.uint8]
 
 
 def _drawn(text: str, scale: float) -> NDArray[np.uint8]:

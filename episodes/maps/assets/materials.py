@@ -10,12 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.scene import Material
+from episodes.maps.scene import Array, Material, Picture
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Srgb = tuple[int, int, int]
 
 # sRGB; the colours are far enough apart that each has an unambiguous name

@@ -10,8 +10,8 @@ import numpy as np
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials
 from episodes.maps.assets.materials import Srgb
-from episodes.maps.geometry import Array, MeshPart
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.geometry import MeshPart
+from episodes.maps.scene import Array, Material, Mesh
 from foundation.frames import Vec3
 
 SKINS: tuple[Srgb, ...] = (

@@ -13,8 +13,8 @@ import numpy as np
 
 from episodes.maps import geometry as g
 from episodes.maps.assets.leaves import bark, leaves, thicket
-from episodes.maps.geometry import Array, MeshPart
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.geometry import MeshPart
+from episodes.maps.scene import Array, Material, Mesh
 
 BARK_TILE_M = 0.8
 HIDDEN_WITHIN = 0.80  # sprigs within this share of another lobe's radii are hidden, and left out

@@ -8,8 +8,8 @@ import numpy as np
 
 from episodes.maps import geometry as g
 from episodes.maps.assets import lettering, materials
-from episodes.maps.geometry import Array, MeshPart
-from episodes.maps.scene import Material, Mesh
+from episodes.maps.geometry import MeshPart
+from episodes.maps.scene import Array, Material, Mesh
 
 DIGIT_M = 0.10  # height of a plate's characters (paper, appendix "Maps and Episodes")
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from episodes.maps.geometry import connected
+from episodes.maps.scene import Array
 from foundation.terrain import HeightField
 
 FINEST_M = 0.25  # cell size of a small map
@@ -26,8 +27,6 @@ ROOM_M = 0.3  # least free height above a ground surface
 HEADROOM_M = 2.0  # without a given height, the spawn is on the lowest floor with this free height
 _RESTART_GAP_M = 1e-3  # m, from a hit to the start of the continued ray
 _RAY_OFFSET_M = np.array([1.7e-4, 2.3e-4])  # m, offset of the rays from round coordinates, where maps have their edges
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

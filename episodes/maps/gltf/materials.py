@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.assets.materials import Picture, fill_holes
+from episodes.maps.assets.materials import fill_holes
 from episodes.maps.gltf.document import REMEDY, Document
-from episodes.maps.scene import Material
+from episodes.maps.scene import Material, Picture
 from foundation.frames import Vec3
 
 MAX_SIDE = 8192
