@@ -59,11 +59,10 @@ class Renderer:
         self.camera = camera
         self._layout = lay_out(scene, map_layout(scene.base) if scene.base else None)
         place_all(self._layout, NOTHING_MOVED)
-        still = _static_data(scene, self._layout, shadow_cells)
-        self._shadows, self._contacts = still.shadows, still.contacts
+        self._shadows, self._contacts, columns, shade = _static_data(scene, self._layout, shadow_cells)
         self._day, self._sky = daylight(scene.sun), sky_of(scene.sun)
         north, east, _ = scene.spawn_ned
-        self._mirrored = reflection_map(still.columns, still.shade, self._day, self._sky, float(north), float(east))
+        self._mirrored = reflection_map(columns, shade, self._day, self._sky, float(north), float(east))
         self._drift = drift_table()
         triangles = self._layout.triangles
         self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
@@ -165,17 +164,7 @@ def _sheet(camera: CameraModel, grain: int) -> _Sheet:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _StaticData:
-    """Data that is computed once from the static instances of a scene."""
-
-    shadows: Shadows
-    contacts: ContactShadows
-    columns: Columns
-    shade: Occlusion
-
-
-def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
+def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> tuple[Shadows, ContactShadows, Columns, Occlusion]:
     """Return the data of a scene's static instances. Scenes of one map share data, unless `_of_map` returns None."""
     own = layout.static_count
     if scene.base is not None and not any(i.movable for i in scene.base.instances):
@@ -187,10 +176,10 @@ def _static_data(scene: Scene, layout: SceneArrays, cells: int) -> _StaticData:
         shadows = Shadows(sun, turn, more)
         if not fits(layout, scene.sun, _ground(scene), sun):
             shadows = Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
-        return _StaticData(shadows, ContactShadows(shade, shade_turn, feet), columns, shade)
+        return shadows, ContactShadows(shade, shade_turn, feet), columns, shade
     shadows = Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
     columns, shade = _surroundings(scene, layout, own)
-    return _StaticData(shadows, ContactShadows(shade, threading.Lock(), feet), columns, shade)
+    return shadows, ContactShadows(shade, threading.Lock(), feet), columns, shade
 
 
 def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns, Occlusion]:
