@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from foundation.frames import Quat, Vec3, rotate
+from foundation.frames import Quat, Vec3, rotate, vec3
 from foundation.kept_values import kept
 from foundation.terrain import HeightField
 from foundation.threads import once
@@ -83,8 +83,7 @@ class Instance:
     def centre_ned(self) -> Vec3:
         """The centre (m) of the instance's bounding box."""
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
-        n, e, d = np.array(self.position_ned) + turn(self.turned) @ ((low + high) / 2)
-        return (float(n), float(e), float(d))
+        return vec3(np.array(self.position_ned) + turn(self.turned) @ ((low + high) / 2))
 
     def vertices_ned(self) -> NDArray[np.float64]:
         """Return the mesh's vertices (V, 3) in the world, m."""

@@ -19,9 +19,9 @@ from episodes.authoring.check.finding import (
 from episodes.authoring.check.placement import box_of
 from episodes.authoring.check.sight import CAMERA, box_corners, yaw_showing_all
 from episodes.authoring.propose.draft import BOARDS, Draw, Proposal, flight_seed, inscribed, instruction, plates
-from episodes.authoring.propose.site import PlacedTarget, Site, rounded, start
+from episodes.authoring.propose.site import Site, rounded, start
 from episodes.maps import assets
-from episodes.maps.scene import Spot
+from episodes.maps.scene import Instance, Spot
 from episodes.records.record import TargetRecord
 from foundation.frames import Vec3, bearing_deg, course
 
@@ -128,7 +128,7 @@ def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> b
 def _draft(
     site: Site,
     records: list[TargetRecord],
-    candidates: list[PlacedTarget],
+    candidates: list[Instance],
     middle: tuple[float, float],
     share: Draw,
     rng: random.Random,
@@ -180,7 +180,7 @@ def _draft(
     )
 
 
-def _in_the_way(drone: int, places: list[Vec3], candidates: list[PlacedTarget], yaw_deg: float) -> bool:
+def _in_the_way(drone: int, places: list[Vec3], candidates: list[Instance], yaw_deg: float) -> bool:
     """Return whether another drone of the fleet covers more than HIDES of a candidate in a drone's picture."""
     yaw, lever = math.radians(yaw_deg), CAMERA.offset_frd[0]
     eye = (places[drone][0] + lever * math.cos(yaw), places[drone][1] + lever * math.sin(yaw))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from episodes.authoring.check.referring import nouns
 from episodes.authoring.check.sight import Framing, yaw_hiding, yaw_showing
-from episodes.authoring.propose.site import PlacedTarget
+from episodes.maps.scene import Instance
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
 JITTER = 0.25  # greatest distance of a draw from the middle of its stratum, in stratum widths; see `shares`
@@ -56,7 +56,7 @@ class Proposal:
     """The values of an episode's record, without the id and the computed values."""
 
     target: TargetRecord
-    placed: PlacedTarget  # the same target, as it stands when the episode begins
+    placed: Instance  # the same target, as it stands when the episode begins
     starts: tuple[StartPose, ...]
     visible: bool
     instruction: str

@@ -11,17 +11,19 @@ import random
 from collections.abc import Callable, Generator, Iterator
 from functools import partial
 
+import numpy as np
+
 from episodes.authoring.check import referring
 from episodes.authoring.check.finding import DEFAULT_RULES, RULES
 from episodes.authoring.check.placement import box_of
 from episodes.authoring.check.referring import kind_of, nouns
-from episodes.authoring.check.sight import CAMERA
+from episodes.authoring.check.sight import CAMERA, box_corners
 from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, instruction, yaw_deg
-from episodes.authoring.propose.site import ALTITUDES_M, PlacedTarget, Site, rounded, start, stretch
+from episodes.authoring.propose.site import ALTITUDES_M, Site, rounded, start, stretch
 from episodes.maps import assets
 from episodes.maps.scene import Instance
 from episodes.records.record import HIDDEN, MOVING, STATIONARY, Path3D, TargetRecord
-from foundation.frames import bearing_deg
+from foundation.frames import bearing_deg, vec3
 from foundation.protocol import CAP_S
 
 # Targets that the instruction identifies by paint
@@ -110,7 +112,7 @@ def _painted_starts(site: Site, cell: str, target: TargetRecord, share: Draw, rn
     distance = (low + high) / 2 if high - low < 2.0 else low + 0.5 + share.distance * (min(high, 30.0) - low - 0.5)
     for place in site.starts(placed, distance, share.height_m(ALTITUDES_M), rng):
         ahead = bearing_deg(place, placed.centre_ned)
-        if placed.reach_m(ahead) > REACH_M:
+        if _reach_m(placed, ahead) > REACH_M:
             continue
         yaw = yaw_deg(cell, ahead, site.framed(placed, place), share.turn)
         if yaw is not None:
@@ -122,6 +124,13 @@ def _painted_starts(site: Site, cell: str, target: TargetRecord, share: Draw, rn
                 instruction=instruction(cell, f"the {target.paint} {nouns(target.asset)[0]}", target.asset, rng),
                 seed=flight_seed(rng),
             )
+
+
+def _reach_m(placed: Instance, bearing_deg: float) -> float:
+    """Return how far (m) a target reaches from its middle towards a viewer who looks along a compass bearing."""
+    corners = box_corners(placed.mesh, placed.position_ned, placed.yaw)[:, :2] - np.array(placed.centre_ned[:2])
+    way = math.radians(bearing_deg)
+    return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
 
 
 def referred_drafts(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
@@ -214,8 +223,8 @@ def _referred_draft(site: Site, cell: str, target: TargetRecord, share: Draw, rn
     return best[1] if best else None
 
 
-def farthest_m(placed: PlacedTarget, percent: float) -> float:
+def farthest_m(placed: Instance, percent: float) -> float:
     """Return the largest distance at which a target, seen from its broad side, can fill `percent` of the picture."""
-    wide, high = placed.size_m
+    length, width, high = vec3(placed.mesh.vertices.max(axis=0) - placed.mesh.vertices.min(axis=0))
     least = percent / 100.0 * CAMERA.width * CAMERA.height
-    return CAMERA.focal_px * math.sqrt(wide * high / least)
+    return CAMERA.focal_px * math.sqrt(max(length, width) * high / least)

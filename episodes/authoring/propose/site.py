@@ -7,17 +7,14 @@ import itertools
 import math
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache
-
-import numpy as np
+from functools import lru_cache
 
 from episodes import maps
 from episodes.authoring.check.finding import ALTITUDE_M, BODY_M
 from episodes.authoring.check.placement import StaticObstacles
 from episodes.authoring.check.sight import CAMERA, Framing, box_corners, framing, level
 from episodes.maps import assets
-from episodes.maps.scene import Instance, Mesh, Places
+from episodes.maps.scene import Instance, Places
 from episodes.records.record import StartPose, TargetRecord
 from episodes.world import world
 from episodes.world.obstacles import REACH_M
@@ -78,33 +75,6 @@ def _split(a: tuple[float, float], b: tuple[float, float], terrain: HeightField)
     return [*_split(a, middle, terrain), *_split(middle, b, terrain)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlacedTarget:
-    """A target at its pose when the episode begins."""
-
-    mesh: Mesh
-    position_ned: Vec3  # m
-    yaw: float  # rad
-    view: TargetView
-
-    @property
-    def centre_ned(self) -> Vec3:
-        """Return the middle (m) of the target's box."""
-        return Instance(1, "target", "target", self.mesh, self.position_ned, self.yaw).centre_ned
-
-    def reach_m(self, bearing_deg: float) -> float:
-        """Return how far (m) the target reaches from its middle towards a viewer who looks along a compass bearing."""
-        corners = box_corners(self.mesh, self.position_ned, self.yaw)[:, :2] - np.array(self.centre_ned[:2])
-        way = math.radians(bearing_deg)
-        return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
-
-    @property
-    def size_m(self) -> tuple[float, float]:
-        """Return the target's largest horizontal side and its height (m)."""
-        span = self.mesh.vertices.max(axis=0) - self.mesh.vertices.min(axis=0)
-        return float(max(span[0], span[1])), float(span[2])
-
-
 class Site:
     """One map with one seed."""
 
@@ -115,7 +85,7 @@ class Site:
         self.scene = maps.build(name, seed)
         self.solids = world.solids(name, seed)
         self.obstacles = StaticObstacles(self.scene.instances)
-        self._native = cache(self._native_target)
+        self._view = lru_cache(maxsize=128)(self._view_of)  # instances are compared by identity
 
     def free_paints(self) -> list[str]:
         """Return the paints that no asset on this map has, in the order of `assets.PAINTS`."""
@@ -123,20 +93,18 @@ class Site:
         worn = {m.name for i in self.scene.instances if i.kind in kinds for m in i.mesh.materials}
         return [paint for paint in assets.PAINTS if f"paint-{paint}" not in worn]
 
-    def placed(self, target: TargetRecord) -> PlacedTarget:
-        """Return a target of a record: one that is placed on the map, or an instance of the map."""
+    def placed(self, target: TargetRecord) -> Instance:
+        """Return a target of a record at its start: an instance of the map, or one that the record places, level."""
         if target.native is not None:
-            return self._native(target.native)
+            return next(i for i in self.scene.instances if i.name == target.native)
         if target.paint is None:
             raise ValueError("only placed targets have a paint")
         mesh = assets.build(target.asset, target.paint, target.inscription)
-        place, yaw = motion(target).pose(0.0)
-        return PlacedTarget(mesh, place, yaw, TargetView(mesh, self.solids))
+        return Instance(1, "target", target.asset, mesh, *motion(target).pose(0.0))
 
-    def _native_target(self, name: str) -> PlacedTarget:
-        instance = next(i for i in self.scene.instances if i.name == name)
-        view = TargetView(instance.mesh, SolidsExcept(self.solids, instance))
-        return PlacedTarget(instance.mesh, instance.position_ned, instance.yaw, view)
+    def _view_of(self, target: Instance) -> TargetView:
+        is_native = target in self.scene.instances
+        return TargetView(target.mesh, SolidsExcept(self.solids, target) if is_native else self.solids)
 
     def ground(self, north: float, east: float) -> float:
         """Return the NED z (m) of the ground."""
@@ -158,12 +126,12 @@ class Site:
         heights = [down + k * (ground - down) / 6 for k in range(6)]
         return all(not self.obstacles.nearest((north, east, z), REACH_M + 0.05)[1] for z in heights)
 
-    def framed(self, target: PlacedTarget, place: Vec3) -> Framing:
+    def framed(self, target: Instance, place: Vec3) -> Framing:
         """Return the framing of a target for a drone that turns at a place."""
         return framing(box_corners(target.mesh, target.position_ned, target.yaw), place)
 
     def starts(
-        self, target: PlacedTarget, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
+        self, target: Instance, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
     ) -> Iterator[Vec3]:
         """Yield places (m) at a 3-D distance from a target; from each, the target is well visible and the way is clear.
 
@@ -181,10 +149,10 @@ class Site:
             if self.seen(target, place, angle) >= CLEAR_FRACTION and self.clear(place, goal):
                 yield place
 
-    def seen(self, target: PlacedTarget, place: Vec3, yaw_deg: float) -> float:
+    def seen(self, target: Instance, place: Vec3, yaw_deg: float) -> float:
         """Return the fraction (0 … 1) of a target that a level drone at a place sees."""
         pose = camera_pose(place, level(yaw_deg), CAMERA)
-        return target.view.sight(target.position_ned, target.yaw, pose, CAMERA).fraction
+        return self._view(target).sight(target.position_ned, target.yaw, pose, CAMERA).fraction
 
     def _at(self, goal: Vec3, distance_m: float, bearing: float, height_m: float) -> Vec3:
         """Return the place `height_m` above the ground from which a goal has a bearing (rad) and a 3-D distance."""

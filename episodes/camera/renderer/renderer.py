@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
 from episodes.camera.renderer.environment import mean_reflectance, reflection_map
-from episodes.camera.renderer.layout import SOURCES, Eye, SceneArrays, eye_of, lay_out, map_layout, place_all
+from episodes.camera.renderer.layout import SOURCES, SceneArrays, eye_of, lay_out, map_layout, place_all
 from episodes.camera.renderer.occlusion import Columns, ContactShadows, Occlusion, columns_of, footprint, occlusion_of
 from episodes.camera.renderer.shading import SceneLight, ShadingInput, measure_rows, resolve_rows, shade_rows
 from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, instance_slices, sun_map
@@ -113,7 +113,10 @@ class Renderer:
                 self._run_on_threads(set_up, triangles, eye, drawn)
                 bands = max(1, (samples.shape[0] - 1) // BAND)
                 opaque = sort_into_bands(triangles, drawn, bands, self._opaque_chunks)
-                cut_out = sort_into_bands(triangles, drawn, bands, self._nearest_first(eye))
+                # chunks with cut-out textures (leaves) nearest first, so that hidden leaves cost less work
+                away = triangles.chunk_center[self._cut_chunks] - eye.position
+                nearest_first = self._cut_chunks[np.argsort(np.einsum("ij,ij->i", away, away), kind="stable")]
+                cut_out = sort_into_bands(triangles, drawn, bands, nearest_first)
                 holes = triangles.uv, triangles.cutout, layout.cutouts
                 room = samples, self._inverse_depths, self._lowest, self._count_up
                 self._run_on_threads(draw_bands, drawn, *opaque, *cut_out, *holes, *room)
@@ -125,11 +128,6 @@ class Renderer:
                 if measures:
                     self._run_on_threads(measure_rows, shot, *measures)
         return rgb
-
-    def _nearest_first(self, eye: Eye) -> NDArray[np.int64]:
-        """Return the chunks with cut-out textures (leaves), nearest first, so that hidden leaves cost less work."""
-        away = self._layout.triangles.chunk_center[self._cut_chunks] - eye.position
-        return self._cut_chunks[np.argsort(np.einsum("ij,ij->i", away, away), kind="stable")]
 
     def close(self) -> None:
         """Stop the helper threads."""

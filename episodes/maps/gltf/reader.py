@@ -14,7 +14,7 @@ from episodes.maps.gltf.document import Document
 from episodes.maps.gltf.materials import Images
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from foundation.errors import UsageError
-from foundation.frames import PX4_HOME, Vec3
+from foundation.frames import PX4_HOME, Vec3, vec3
 from foundation.terrain import HeightField
 
 SUN = Sun((-0.5065, 0.3957, -0.7660))  # default: late morning, northern summer
@@ -180,9 +180,7 @@ def extent(scene: Scene) -> tuple[Vec3, Vec3]:
     for instance in scene.instances:
         placed = instance.vertices_ned()[np.unique(instance.mesh.triangles)]
         boxes.append((placed.min(axis=0), placed.max(axis=0)))
-    low = np.min([box[0] for box in boxes], axis=0)
-    high = np.max([box[1] for box in boxes], axis=0)
-    return (float(low[0]), float(low[1]), float(low[2])), (float(high[0]), float(high[1]), float(high[2]))
+    return vec3(np.min([box[0] for box in boxes], axis=0)), vec3(np.max([box[1] for box in boxes], axis=0))
 
 
 def _unused(name: str, taken: dict[str, int]) -> str:
