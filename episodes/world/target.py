@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from episodes.maps.scene import Mesh
 from episodes.records.record import TargetRecord
-from foundation.frames import Quat, Vec3, course, quat_from_euler, rotate
+from foundation.frames import Quat, Vec3, course, quat_from_euler, rotate, vec3
 from foundation.terrain import HeightField
 
 # Distance (m) between the two points of the path that define the heading: the wheelbase of a vehicle, or about one step
@@ -109,15 +109,17 @@ class Wheels:
     middle_frd: Vec3  # m, of the asset's bounding box
 
     @classmethod
-    def of(cls, mesh: Mesh) -> "Wheels":
-        """Return the wheels of a mesh: the corners of its contact patch."""
+    def if_any(cls, asset: str, mesh: Mesh) -> "Wheels | None":
+        """Return the wheels of an asset, which are at the corners of its contact patch; None if it has none."""
+        if not has_wheels(asset):
+            return None
         low = contact_patch(mesh)
         box = (mesh.vertices.min(axis=0).astype(np.float64) + mesh.vertices.max(axis=0).astype(np.float64)) / 2
         left, right = float(low[:, 1].min()), float(low[:, 1].max())
         return cls(
             (float(low[:, 0].min()), float(low[:, 0].max())),
             (left, right) if right - left >= ONE_TRACK_M else (0.0, 0.0),
-            (float(box[0]), float(box[1]), float(box[2])),
+            vec3(box),
         )
 
     def on(self, ground: HeightField, level_ned: Vec3, yaw: float) -> tuple[Vec3, float | Quat]:
@@ -141,11 +143,6 @@ class Wheels:
             down += ahead * (c * further[0] + s * further[1]) + aside * (c * further[1] - s * further[0])
             place = (north - arm[0], east - arm[1], down)
         return place, turned
-
-    @classmethod
-    def if_any(cls, asset: str, mesh: Mesh) -> "Wheels | None":
-        """Return the wheels of an asset; None if it has none."""
-        return cls.of(mesh) if has_wheels(asset) else None
 
     def _plane(self, ground: HeightField, place: Vec3, yaw: float) -> tuple[float, float, float]:
         """Return the plane under the wheels: its slopes ahead and aside (m/m), and its NED z (m) at `place`."""
