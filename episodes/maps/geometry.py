@@ -186,7 +186,7 @@ def frustum(low: PlanRect, high: PlanRect, z: tuple[float, float], material: Mat
         [(x0, y0, level), (x1, y0, level), (x1, y1, level), (x0, y1, level)]
         for ((x0, y0), (x1, y1)), level in zip((low, high), z, strict=True)
     ]
-    return hull(*rings, material, tile_m)
+    return hull(rings[0], rings[1], material, tile_m)
 
 
 _CUBE_NORMAL = np.repeat(face_normals(_CUBE)[:, None, :], 3, axis=1)
