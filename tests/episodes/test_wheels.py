@@ -90,6 +90,7 @@ def test_the_judge_counts_the_drawn_pixels_of_a_target_on_a_slope():
     assert abs(quat_to_euler(_attitude(world, float(steepest)))[1]) > math.radians(4)
     north, east, down = world.target_centre(float(steepest))
     eye, level = (north - 7.0, east, down - 0.5), quat_from_euler(0.0, 0.0, 0.0)
+    assert isinstance(turned, tuple)
     target = replace(world.target, position_ned=place, attitude=turned)
     counted = sight.patch(target, world.solids, eye, level, camera)
     ids = Renderer(world.scene, camera).render(camera_pose(eye, level, camera), world.moved(float(steepest))).ids

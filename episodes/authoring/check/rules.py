@@ -22,9 +22,8 @@ from episodes.maps.geometry import assemble, box
 from episodes.maps.scene import Instance, Material
 from episodes.records import catalogue
 from episodes.records.record import StartPose
-from episodes.world.visibility import Solids, SolidsUnion, in_camera
+from episodes.world.visibility import Solids, SolidsUnion
 from episodes.world.world import World, solids
-from foundation.camera import camera_pose
 from foundation.errors import UsageError
 from foundation.frames import Vec3, bearing_deg
 from foundation.protocol import RADIUS_M, SPEED_MAX
@@ -144,7 +143,12 @@ def layout(world: World) -> Layout:
 
 def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
     """Return the column and the row (0 … 1) of a point in the picture of a level drone."""
-    ahead, right, below = in_camera(goal, camera_pose(start.position_ned, level(start.yaw_deg), CAMERA))
+    yaw = math.radians(start.yaw_deg)
+    north, east = goal[0] - start.position_ned[0], goal[1] - start.position_ned[1]
+    lever = CAMERA.offset_frd
+    ahead = north * math.cos(yaw) + east * math.sin(yaw) - lever[0]
+    right = east * math.cos(yaw) - north * math.sin(yaw) - lever[1]
+    below = goal[2] - start.position_ned[2] - lever[2]
     focal = CAMERA.focal_px / max(ahead, 1e-3)
     return 0.5 + focal * right / CAMERA.width, 0.5 + focal * below / CAMERA.height
 
