@@ -20,7 +20,7 @@ def add_impair_options(parser: argparse.ArgumentParser) -> None:
     for name, declaration in QUANTITIES.items():
         default = f"{getattr(Impairment(), name) or 0:g}"
         text = f"{declaration.help}; {declaration.wanted}, default {default}"
-        wire.add_argument(f"--{declaration.name}", default=default, metavar="A[,B]", help=text)
+        wire.add_argument(f"--{declaration.name}", metavar="A[,B]", help=text)
     wire.add_argument(
         "--cut", action="append", default=[], metavar="FROM:TO", help="cut the link, in seconds since the start"
     )
@@ -67,24 +67,26 @@ def run(args: argparse.Namespace) -> int:
 def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
     """Return the impairments (towards the autopilot, from the autopilot). Raises UsageError."""
     cuts = tuple(_cut(text) for text in args.cut)
+    options = {name: (quantity, getattr(args, quantity.name)) for name, quantity in QUANTITIES.items()}
+    pairs = {name: _pair(quantity, text) for name, (quantity, text) in options.items() if text is not None}
+    if "queue_bytes" in pairs and not any(pairs.get("baud", ())):
+        raise UsageError("--queue goes with --baud, which makes a serial line. Add it, or leave --queue out")
     directions = []
     for direction in (0, 1):
-        values: dict[str, Any] = {
-            name: _pair(of.name, getattr(args, of.name))[direction] for name, of in QUANTITIES.items()
-        }
-        values |= {"baud": int(values["baud"]) or None, "queue_bytes": int(values["queue_bytes"])}
-        directions.append(Impairment(**values, cuts=cuts))
+        values: dict[str, Any] = {name: pair[direction] for name, pair in pairs.items()}
+        directions.append(Impairment(**{**values, "baud": values.get("baud") or None}, cuts=cuts))
     return directions[0], directions[1]
 
 
-def _pair(name: str, text: str) -> tuple[float, float]:
+def _pair(quantity: DeclaredNumber, text: str) -> tuple[float, float]:
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         values = []
     if len(values) not in (1, 2) or not all(abs(value) < 1e12 for value in values):
-        raise UsageError(f"--{name} must be {DIRECTIONS}; got '{text}'")
-    return values[0], values[-1]
+        raise UsageError(f"--{quantity.name} must be {DIRECTIONS}; got '{text}'")
+    first, last = (int(value) if quantity.whole else value for value in (values[0], values[-1]))
+    return first, last
 
 
 def _cut(text: str) -> tuple[float, float]:

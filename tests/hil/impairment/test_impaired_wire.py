@@ -181,7 +181,10 @@ def test_the_command_prints_its_counts_and_exits_on_ctrl_c() -> None:
 
 
 def test_wrong_options_are_rejected(capsys: pytest.CaptureFixture[str]) -> None:
-    for option, value in (("--loss", "2"), ("--delay", "1,2,3"), ("--cut", "5"), ("--report", "0"), ("--baud", "nan")):
+    for option, value in (
+        ("--loss", "2"), ("--delay", "1,2,3"), ("--cut", "5"), ("--report", "0"), ("--baud", "nan"),
+        ("--queue", "4096"),
+    ):  # fmt: skip
         ends = ["--listen", "udpin://127.0.0.1:0", "--to", "udpout://127.0.0.1:9"]
         assert main(["impair", *ends, option, value]) == 2, option
         assert option.strip("-") in capsys.readouterr().err
