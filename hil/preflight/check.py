@@ -16,11 +16,11 @@ from foundation.setpoints import Velocity
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
-from hil.preflight.observation import Change, Finding, Observation, Row, Watch
+from hil.preflight.observation import Change, Finding, Judgement, Observation, Row, Watch, bad, good
 
 # PX4's defaults (parameter reference) that are unsafe for a real vehicle; a simulated PX4 has them too
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
-NAMES = (*failsafes.FAILSAFE_PARAMETERS, *failsafes.FENCE_PARAMETERS, *vehicle.BATTERY_PARAMETERS)
+NAMES = (*failsafes.PARAMETERS, *vehicle.BATTERY_PARAMETERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,7 @@ class Check:
     def rows(self) -> list[Row]:
         """All rows, in the order of the table: first the vehicle, then the link and this machine."""
         return [
-            *vehicle.health_rows(self.observed),
-            *vehicle.position_rows(self.observed),
-            vehicle.battery_row(self.observed, self.values),
+            *vehicle.rows(self.observed, self.values),
             *(self._shown(finding) for finding in self._findings()),
             self.rehearsal,
             *ground_side.wire_rows(self.observed),
@@ -61,14 +59,11 @@ class Check:
         return replace(row, why=f"{row.why}. This is normal for a simulated vehicle, which has PX4's default")
 
     def _findings(self) -> list[Finding]:
+        version = vehicle.version(self.observed)
         situation = failsafes.Situation(
-            self.values, self.observed.sticks, vehicle.version(self.observed), self.observed.station
+            self.values, self.observed.sticks, version, self.observed.station, self.fence_points
         )
-        return [
-            *failsafes.failsafe_findings(situation),
-            *failsafes.fence_findings(self.values, self.fence_points),
-            *failsafes.signing_findings(self.values),
-        ]
+        return failsafes.findings(situation)
 
 
 def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = None) -> Check:
@@ -77,7 +72,7 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
     Raises LinkError if the vehicle disappears meanwhile.
     """
     observed = Watch(link).listen(seconds)
-    names = (*NAMES, *(failsafes.SIGNING_PARAMETERS if link.has_key else ()))
+    names = (*NAMES, *(failsafes.SIGNING_RULES if link.has_key else ()))
     values, points = Parameters(link).read_many(names), failsafes.count_fence_points(link)
     rehearsal = rehearse(link)
     around = [ground_side.disk_row(folder)]
@@ -127,44 +122,40 @@ def rehearse(link: Link) -> Row:
     link.fly(ZERO_VELOCITY)
     try:
         link.wait(STREAM_S)
-        return _switch(link)
+        return _switch(link).named(REHEARSAL)
     finally:
         link.stop_stream()
         with contextlib.suppress(DronecatsError):  # an error of the test itself is more useful
             link.set_mode("HOLD")
 
 
-def _switch(link: Link) -> Row:
+def _switch(link: Link) -> Judgement:
     try:
         link.set_mode("OFFBOARD")
     except LinkError as refusal:
         link.tick()  # raises if the link is broken
-        return Row(REHEARSAL, False, str(refusal), "PX4 needs a position, a velocity and our setpoints for it")
+        return bad(str(refusal), "PX4 needs a position, a velocity and our setpoints for it")
     shown_s = _until(link, lambda: link.state.mode == "OFFBOARD", SHOWN_S)
     if shown_s is None:
-        return Row(REHEARSAL, False, f"OFFBOARD was accepted, but the mode is {link.state.mode} after {SHOWN_S:g} s",
-                   "check whether a transmitter or a ground station switches modes")  # fmt: skip
+        return bad(
+            f"OFFBOARD was accepted, but the mode is {link.state.mode} after {SHOWN_S:g} s",
+            "check whether a transmitter or a ground station switches modes",
+        )
     would_arm = _would_arm(link)
     link.stop_stream()
     try:
         link.set_mode("HOLD")
     except LinkError as refusal:
         link.tick()
-        return Row(
-            REHEARSAL, False, f"OFFBOARD was active, but switching back failed: {refusal}", "switch to Hold by hand"
-        )
+        return bad(f"OFFBOARD was active, but switching back failed: {refusal}", "switch to Hold by hand")
     if _until(link, lambda: link.state.mode == "HOLD", SHOWN_S) is None:
-        return Row(
-            REHEARSAL, False, f"the mode is still {link.state.mode} after Hold was accepted", "switch to Hold by hand"
-        )
+        return bad(f"the mode is still {link.state.mode} after Hold was accepted", "switch to Hold by hand")
     if not would_arm:
-        return Row(REHEARSAL, False, "OFFBOARD was active, but the vehicle would not arm in it; back in HOLD",
-                   "either our setpoints do not arrive, or the pre-arm check fails for another reason")  # fmt: skip
-    return Row(
-        REHEARSAL,
-        True,
-        f"accepted, active after {shown_s:.1f} s; the vehicle would arm in it; back in HOLD, nothing was armed",
-    )
+        return bad(
+            "OFFBOARD was active, but the vehicle would not arm in it; back in HOLD",
+            "either our setpoints do not arrive, or the pre-arm check fails for another reason",
+        )
+    return good(f"accepted, active after {shown_s:.1f} s; the vehicle would arm in it; back in HOLD, nothing was armed")
 
 
 def _would_arm(link: Link) -> bool:

@@ -14,7 +14,7 @@ from foundation.camera import Camera, Frame
 from foundation.errors import CameraError
 from foundation.mavlink import dialect
 from foundation.sensors import CALENDAR_START_US
-from hil.preflight.observation import STREAM_HZ, Observation, Row
+from hil.preflight.observation import STREAM_HZ, Judgement, Observation, Row, bad, good, unclear
 
 FLIGHT_STREAMS = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 RATE_LEAST = 8.0  # Hz; at a lower rate, our control of height and position lags too much
@@ -28,45 +28,47 @@ SIMULATED_MOST_US = 7 * 86_400_000_000  # µs after CALENDAR_START_US: a simulat
 
 def wire_rows(observed: Observation) -> list[Row]:
     """Return the rows of rates, round trip and clocks."""
-    return [_rates(observed), _round_trip(observed), _clock(observed)]
+    return [
+        _rates(observed).named("telemetry rates"),
+        _round_trip(observed).named("round trip"),
+        _clock(observed).named("clocks"),
+    ]
 
 
-def _rates(observed: Observation) -> Row:
+def _rates(observed: Observation) -> Judgement:
     if observed.seconds <= 0.0:
-        return Row("telemetry rates", None, "not measured")
+        return unclear("not measured")
     rates = {i: observed.counts.get(i, 0) / observed.seconds for i in STREAM_HZ}
     names = {i: dialect.mavlink_map[i].msgname for i in STREAM_HZ}
     rates_text = {i: f"{names[i]} {rates[i]:.1f} of {STREAM_HZ[i]:g} Hz" for i in STREAM_HZ}
     slow = [rates_text[i] for i in STREAM_HZ if rates[i] < SHARE_LEAST * STREAM_HZ[i]]
     flight_rates = ", ".join(rates_text[i] for i in FLIGHT_STREAMS)
     if min(rates[i] for i in FLIGHT_STREAMS) < RATE_LEAST:
-        return Row("telemetry rates", False, f"{', '.join(slow)}: too slow to hold a position",
-                   "a faster wire, or a higher MAV_x_RATE")  # fmt: skip
+        return bad(f"{', '.join(slow)}: too slow to hold a position", "a faster wire, or a higher MAV_x_RATE")
     if slow:
-        return Row("telemetry rates", None, f"{flight_rates}; slower than requested: {', '.join(slow)}",
-                   "a faster wire, or a higher MAV_x_RATE")  # fmt: skip
-    return Row("telemetry rates", True, f"{flight_rates}, and all other requested rates")
+        return unclear(
+            f"{flight_rates}; slower than requested: {', '.join(slow)}", "a faster wire, or a higher MAV_x_RATE"
+        )
+    return good(f"{flight_rates}, and all other requested rates")
 
 
-def _round_trip(observed: Observation) -> Row:
+def _round_trip(observed: Observation) -> Judgement:
     if not observed.sync_requests:
-        return Row("round trip", None, "not measured")
+        return unclear("not measured")
     if not observed.round_trips:
-        return Row("round trip", None, f"none of {observed.sync_requests} TIMESYNC requests was answered")
+        return unclear(f"none of {observed.sync_requests} TIMESYNC requests was answered")
     lengths = sorted(trip.length_s for trip in observed.round_trips)
     lost = 1.0 - len(lengths) / observed.sync_requests
     why = f"{1e3 * statistics.median(lengths):.1f} ms, at worst {1e3 * lengths[-1]:.0f} ms"
     why += f", {100 * lost:.0f} % of {observed.sync_requests} requests not answered" if lost > 0.0 else ""
     if statistics.median(lengths) > ROUND_TRIP_MOST or lost > LOST_MOST:
-        return Row(
-            "round trip", False, f"{why}: setpoints would arrive too late or not at all", "use a better connection"
-        )
-    return Row("round trip", True, why)
+        return bad(f"{why}: setpoints would arrive too late or not at all", "use a better connection")
+    return good(why)
 
 
-def _clock(observed: Observation) -> Row:
+def _clock(observed: Observation) -> Judgement:
     if len(observed.round_trips) < 2:
-        return Row("clocks", None, "the vehicle's clock was not compared with this machine's")
+        return unclear("the vehicle's clock was not compared with this machine's")
     first, last = _best(observed, early=True), _best(observed, early=False)
     span_ns = last[0] - first[0]
     drift = (last[1] - first[1]) / span_ns if span_ns > 0 else 0.0
@@ -78,13 +80,11 @@ def _clock(observed: Observation) -> Row:
         apart = observed.unix_s - calendar.time_unix_usec * 1e-6
         why += f"; its date is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead'}"
         if abs(apart) > CALENDAR_MOST:
-            return Row("clocks", None, why, "set this machine's clock (NTP), because logs are matched by it")
+            return unclear(why, "set this machine's clock (NTP), because logs are matched by it")
     slack = max(DRIFT_MOST, 2.0 * (first[2] + last[2]) / max(span_ns, 1))  # the round trips limit the accuracy
     if abs(drift) > slack:
-        return Row(
-            "clocks", None, why, "either the simulation does not run in real time, or the autopilot is overloaded"
-        )
-    return Row("clocks", True, why)
+        return unclear(why, "either the simulation does not run in real time, or the autopilot is overloaded")
+    return good(why)
 
 
 def is_simulated(observed: Observation) -> bool:

@@ -33,6 +33,33 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
+class Judgement:
+    """The result of a rule. The fields are those of a `Row`, and of the `Change` that would correct it."""
+
+    passed: bool | None
+    why: str
+    fix: str = ""
+    new: float | None = None  # None: no change is proposed
+    reason: str = ""
+
+    def named(self, name: str) -> Row:
+        """Return the row of a rule with this name."""
+        return Row(name, self.passed, self.why, self.fix)
+
+
+def good(why: str) -> Judgement:
+    return Judgement(True, why)
+
+
+def bad(why: str, fix: str) -> Judgement:
+    return Judgement(False, why, fix)
+
+
+def unclear(why: str, fix: str = "") -> Judgement:
+    return Judgement(None, why, fix)
+
+
+@dataclass(frozen=True, slots=True)
 class Finding:
     """A row, and the parameter change that would correct it."""
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from foundation.mavlink import dialect, mode_name
 from hil.link.parameters import Value
 from hil.link.telemetry import PREARM
-from hil.preflight.observation import Message, Observation, Row
+from hil.preflight.observation import Judgement, Message, Observation, Row, bad, good, unclear
 
 OLDEST = (1, 14)  # from this version on, sticks and other parts that are absent at arming are optional: failsafe.cpp
 SENSORS = {  # bits of SYS_STATUS
@@ -43,19 +43,13 @@ TESTED = "1.14.4, 1.15.4 and 1.16.1"
 SPREAD_MOST = 5.0  # m, default of COM_POS_FS_EPH: with a larger error, PX4 does not trust its position
 
 
-def health_rows(observed: Observation) -> list[Row]:
-    """Return the rows of firmware, arming, sensors, pre-arm check and estimator."""
-    return [_firmware(observed), _armed(observed), _sensors(observed), _prearm(observed), _estimator(observed)]
-
-
-def _firmware(observed: Observation) -> Row:
+def _firmware(observed: Observation) -> Judgement:
     firmware = observed.firmware
     if firmware is None:
-        return Row("firmware", None, "the autopilot does not send its version, so some advice is a guess")
+        return unclear("the autopilot does not send its version, so some advice is a guess")
     if version(observed) < OLDEST:
-        return Row("firmware", False, f"{firmware}: the advice here was tested with PX4 {TESTED}",
-                   f"update to one of {TESTED}")  # fmt: skip
-    return Row("firmware", True, str(firmware))
+        return bad(f"{firmware}: the advice here was tested with PX4 {TESTED}", f"update to one of {TESTED}")
+    return good(str(firmware))
 
 
 def version(observed: Observation) -> tuple[int, int]:
@@ -65,37 +59,34 @@ def version(observed: Observation) -> tuple[int, int]:
     return number >> 24 & 0xFF, number >> 16 & 0xFF
 
 
-def _armed(observed: Observation) -> Row:
+def _armed(observed: Observation) -> Judgement:
     beat = observed.message("HEARTBEAT")
     if beat is None:
-        return Row("disarmed", None, "no heartbeat arrived")
+        return unclear("no heartbeat arrived")
     if beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED:
-        return Row("disarmed", False, "the motors are armed", "disarm it; this check is for a disarmed vehicle")
-    return Row("disarmed", True, "the motors are off")
+        return bad("the motors are armed", "disarm it; this check is for a disarmed vehicle")
+    return good("the motors are off")
 
 
-def _sensors(observed: Observation) -> Row:
+def _sensors(observed: Observation) -> Judgement:
     status = observed.message("SYS_STATUS")
     if status is None:
-        return Row("sensors", False, "SYS_STATUS does not arrive, so nothing is known", "look at the link's rates")
+        return bad("SYS_STATUS does not arrive, so nothing is known", "look at the link's rates")
     present = int(status.onboard_control_sensors_present) | PRESENT_UNSAID
     enabled = int(status.onboard_control_sensors_enabled)
-    bad = [name for bit, name in SENSORS.items() if enabled & bit and not _health(status) & bit]
-    missing = [
-        name for bit, name in SENSORS.items()
-        if name in NEEDED and name not in bad and not present & bit
-    ]  # fmt: skip
-    if bad or missing:
-        reasons = [f"{name} unhealthy" for name in bad] + [f"no {name}" for name in missing]
-        return Row("sensors", False, ", ".join(reasons) + _texts(observed), "calibrate or replace these sensors")
-    good = [name for bit, name in SENSORS.items() if present & bit]
-    return Row("sensors", True, ", ".join(good))
+    unhealthy = [name for bit, name in SENSORS.items() if enabled & bit and not _health(status) & bit]
+    absent = [name for bit, name in SENSORS.items() if name in NEEDED and not present & bit]
+    missing = [name for name in absent if name not in unhealthy]
+    if unhealthy or missing:
+        reasons = [f"{name} unhealthy" for name in unhealthy] + [f"no {name}" for name in missing]
+        return bad(", ".join(reasons) + _texts(observed), "calibrate or replace these sensors")
+    return good(", ".join(name for bit, name in SENSORS.items() if present & bit))
 
 
-def _prearm(observed: Observation) -> Row:
+def _prearm(observed: Observation) -> Judgement:
     status = observed.message("SYS_STATUS")
     if status is None:
-        return Row("pre-arm check", False, "SYS_STATUS does not arrive", "look at the link's rates")
+        return bad("SYS_STATUS does not arrive", "look at the link's rates")
     if not _health(status) & PREARM:
         in_offboard = _mode(observed) == "OFFBOARD"  # for example after a broken flight
         fix = (
@@ -103,17 +94,14 @@ def _prearm(observed: Observation) -> Row:
             if in_offboard
             else "a ground station shows every reason"
         )
-        return Row(
-            "pre-arm check", False, f"the vehicle would refuse to arm in {_mode(observed)}" + _texts(observed), fix
-        )
-    return Row("pre-arm check", True, f"the vehicle would arm in {_mode(observed)}" + _texts(observed))
+        return bad(f"the vehicle would refuse to arm in {_mode(observed)}" + _texts(observed), fix)
+    return good(f"the vehicle would arm in {_mode(observed)}" + _texts(observed))
 
 
-def _estimator(observed: Observation) -> Row:
+def _estimator(observed: Observation) -> Judgement:
     status = observed.message("ESTIMATOR_STATUS")
     if status is None:
-        return Row("estimator", False, "ESTIMATOR_STATUS does not arrive, so the estimate is unknown",
-                   "look at the link's rates")  # fmt: skip
+        return bad("ESTIMATOR_STATUS does not arrive, so the estimate is unknown", "look at the link's rates")
     reasons = [f"no {name}" for bit, name in ESTIMATES.items() if not status.flags & bit]
     reasons += [text for bit, text in TROUBLES.items() if status.flags & bit]
     reasons += [
@@ -123,11 +111,12 @@ def _estimator(observed: Observation) -> Row:
     if not status.pos_horiz_accuracy <= SPREAD_MOST:
         reasons.append(f"the position error is {status.pos_horiz_accuracy:.1f} m")
     if reasons:
-        return Row("estimator", False, "; ".join(reasons), "wait; if it stays, move away from steel, under open sky")
+        return bad("; ".join(reasons), "wait; if it stays, move away from steel, under open sky")
     worst = max(observed.worst_ratio.values(), default=0.0)
-    return Row("estimator", True, "attitude, velocity, position and altitude are good; position"
-        f" ±{status.pos_horiz_accuracy:.1f} m, "
-               f"altitude ±{status.pos_vert_accuracy:.1f} m, largest test ratio {worst:.2f}")  # fmt: skip
+    return good(
+        f"attitude, velocity, position and altitude are good; position ±{status.pos_horiz_accuracy:.1f} m,"
+        f" altitude ±{status.pos_vert_accuracy:.1f} m, largest test ratio {worst:.2f}"
+    )
 
 
 def _mode(observed: Observation) -> str:
@@ -152,22 +141,12 @@ HOME_NEAR = 10.0  # m; a vehicle that is nearer to home than this is at home, gi
 EARTH = 6_371_000.0  # m, mean radius
 
 
-def position_rows(observed: Observation) -> list[Row]:
-    """Return the rows of GPS and home."""
-    return [_gps(observed), _home(observed)]
-
-
-def _gps(observed: Observation) -> Row:
+def _gps(observed: Observation) -> Judgement:
     gps = observed.message("GPS_RAW_INT")
     if gps is None or gps.fix_type == 0:
-        return Row(
-            "GPS",
-            False,
-            "no message of a receiver arrives",
-            "check its cable; no flight is possible without a position",
-        )
+        return bad("no message of a receiver arrives", "check its cable; no flight is possible without a position")
     if gps.fix_type < FIX_3D:
-        return Row("GPS", False, f"no 3-D fix, {_count(gps.satellites_visible)}", "wait under open sky")
+        return bad(f"no 3-D fix, {_count(gps.satellites_visible)}", "wait under open sky")
     hdop = gps.eph / 100.0 if gps.eph != UNKNOWN else None
     spreads = [(name, value / 1000.0, most) for name, value, most in
                (("h", gps.h_acc, SPREAD_H), ("v", gps.v_acc, SPREAD_V)) if value]  # fmt: skip
@@ -179,28 +158,32 @@ def _gps(observed: Observation) -> Row:
     poor += [f"worse than {most:g} m {'across' if name == 'h' else 'in height'}" for name, value, most in spreads
              if value > most]  # fmt: skip
     if poor:
-        return Row("GPS", False, f"{', '.join(details)}: {', '.join(poor)}", "wait under open sky")
-    return Row("GPS", True, ", ".join(details))
+        return bad(f"{', '.join(details)}: {', '.join(poor)}", "wait under open sky")
+    return good(", ".join(details))
 
 
 def _count(satellites: int) -> str:
     return "number of satellites unknown" if satellites == 255 else f"{satellites} satellites"
 
 
-def _home(observed: Observation) -> Row:
+def _home(observed: Observation) -> Judgement:
     home, here = observed.message("HOME_POSITION"), observed.message("GLOBAL_POSITION_INT")
     if home is None:
-        return Row("home", False, "none is set, so the vehicle cannot return, and the fence has no centre",
-                   "wait for a good position; PX4 then sets home itself")  # fmt: skip
+        return bad(
+            "none is set, so the vehicle cannot return, and the fence has no centre",
+            "wait for a good position; PX4 then sets home itself",
+        )
     if here is None:
-        return Row("home", None, "set, but GLOBAL_POSITION_INT does not arrive, so its distance is unknown")
+        return unclear("set, but GLOBAL_POSITION_INT does not arrive, so its distance is unknown")
     distance = ground_distance(home.latitude, home.longitude, here.lat, here.lon)
     height = (here.alt - home.altitude) / 1000.0
     why = f"set, {distance:.1f} m from here, {abs(height):.1f} m {'below' if height >= 0 else 'above'}"
     if distance > HOME_NEAR:
-        return Row("home", False, f"{why}: the vehicle would return to another place",
-                   "set it again where the vehicle stands, or reboot the autopilot there")  # fmt: skip
-    return Row("home", True, why)
+        return bad(
+            f"{why}: the vehicle would return to another place",
+            "set it again where the vehicle stands, or reboot the autopilot there",
+        )
+    return good(why)
 
 
 def ground_distance(lat_a: int, lon_a: int, lat_b: int, lon_b: int) -> float:
@@ -215,12 +198,13 @@ CELL_LEAST, CELL_MOST = 3.5, 4.35  # V at rest: an empty lithium cell, and a ful
 MARGIN = 0.25  # share of the capacity that a flight of five minutes needs, above BAT_LOW_THR (low battery)
 
 
-def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Row:
-    """Return the row of the battery."""
+def _battery(observed: Observation, values: Mapping[str, Value | None]) -> Judgement:
     status = observed.message("SYS_STATUS")
     if status is None or status.voltage_battery in (0, UNKNOWN):
-        return Row("battery", False, "its voltage is not measured, so the vehicle would not land before it is empty",
-                   "configure the battery in the ground station")  # fmt: skip
+        return bad(
+            "its voltage is not measured, so the vehicle would not land before it is empty",
+            "configure the battery in the ground station",
+        )
     volts = status.voltage_battery / 1000.0
     details = [f"{volts:.1f} V"]
     cells = int(values.get("BAT1_N_CELLS") or 0)
@@ -230,19 +214,26 @@ def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Ro
         details.append(f"{status.battery_remaining} % left")
     why = ", ".join(details)
     if cells > 0 and not CELL_LEAST <= volts / cells <= CELL_MOST:
-        return Row(
-            "battery", False, f"{why}: a resting cell cannot have this voltage", "charge it, or correct BAT1_N_CELLS"
-        )
+        return bad(f"{why}: a resting cell cannot have this voltage", "charge it, or correct BAT1_N_CELLS")
     if status.battery_remaining < 0:
-        return Row("battery", None, f"{why}; the remaining charge is unknown", "judge by the voltage")
+        return unclear(f"{why}; the remaining charge is unknown", "judge by the voltage")
     least = float(values.get("BAT_LOW_THR") or 0.15) + MARGIN
     if status.battery_remaining < 100.0 * least:
-        return Row(
-            "battery",
-            False,
-            f"{why}: less than {100 * least:.0f} %, the charge of a flight and the reserve",
-            "charge it",
-        )
+        return bad(f"{why}: less than {100 * least:.0f} %, the charge of a flight and the reserve", "charge it")
     if not cells:
-        return Row("battery", None, f"{why}; the number of cells is unknown, so the voltage cannot be checked")
-    return Row("battery", True, why)
+        return unclear(f"{why}; the number of cells is unknown, so the voltage cannot be checked")
+    return good(why)
+
+
+def rows(observed: Observation, values: Mapping[str, Value | None]) -> list[Row]:
+    """Return the rows of the autopilot, its position, home and battery."""
+    return [
+        _firmware(observed).named("firmware"),
+        _armed(observed).named("disarmed"),
+        _sensors(observed).named("sensors"),
+        _prearm(observed).named("pre-arm check"),
+        _estimator(observed).named("estimator"),
+        _gps(observed).named("GPS"),
+        _home(observed).named("home"),
+        _battery(observed, values).named("battery"),
+    ]

@@ -3,13 +3,14 @@
 import itertools
 
 from hil.preflight import failsafes
-from hil.preflight.failsafes import RULES, Situation, failsafe_findings
+from hil.preflight.failsafes import FAILSAFE_RULES, FENCE_RULES, Situation, findings
 
 SANE = {
     "COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 2,
     "COM_LOW_BAT_ACT": 3, "COM_RC_OVERRIDE": 3, "COM_POS_FS_EPH": 5.0, "MPC_XY_VEL_MAX": 12.0,
     "MPC_Z_VEL_MAX_UP": 3.0, "MPC_Z_VEL_MAX_DN": 1.5, "SYS_HITL": 0, "COM_RC_IN_MODE": 0, "RC_MAP_FLTMODE": 5,
-    "RC_MAP_KILL_SW": 6, "COM_FLTMODE1": 2,
+    "RC_MAP_KILL_SW": 6, "COM_FLTMODE1": 2, "GF_ACTION": 2, "GF_MAX_HOR_DIST": 100.0, "GF_MAX_VER_DIST": 100.0,
+    "RTL_RETURN_ALT": 60.0,
 }  # fmt: skip
 PX4_DEFAULTS = {
     "COM_OBL_RC_ACT": 0, "COM_OF_LOSS_T": 1.0, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0,
@@ -20,7 +21,8 @@ PX4_DEFAULTS = {
 
 def judged(name, value, *, sticks=False, version=(1, 15), station=False):
     """Return (passed, proposed value) for one parameter. The proposed value is None if there is no proposal."""
-    finding = RULES[name](Situation({name: value}, sticks, version, station), value)
+    situation = Situation({name: value}, sticks, version, station)
+    finding = next(f for f in findings(situation) if f.row.name.startswith(f"{name} ="))
     assert finding.row.name == f"{name} = {value:g}"
     assert finding.change is None or (finding.change.name, finding.change.old) == (name, value)
     return finding.row.passed, finding.change and finding.change.new
@@ -28,10 +30,10 @@ def judged(name, value, *, sticks=False, version=(1, 15), station=False):
 
 def test_safe_settings_pass_all_rules():
     for sticks in (False, True):
-        findings = failsafe_findings(Situation(SANE, sticks, (1, 15), station=True))
-        assert [f.change for f in findings if f.change] == []
-        assert [f.row for f in findings if f.row.passed is False] == []
-    assert all(f.row.passed for f in findings)
+        found = findings(Situation(SANE, sticks, (1, 15), station=True))
+        assert [f.change for f in found if f.change] == []
+        assert [f.row for f in found if f.row.passed is False] == []
+    assert all(f.row.passed for f in found)
 
 
 def test_only_return_land_and_hold_are_accepted_after_lost_setpoints():
@@ -103,7 +105,7 @@ def test_the_position_error_limit_must_be_enabled_and_not_too_large():
 
 
 def test_unreadable_vital_parameters_fail():
-    rows = {f.row.name: f.row.passed for f in failsafe_findings(Situation(dict.fromkeys(SANE)))}
+    rows = {f.row.name: f.row.passed for f in findings(Situation(dict.fromkeys(SANE)))}
     assert [name for name, passed in rows.items() if passed is False] == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
 
 
@@ -112,8 +114,8 @@ def test_after_the_proposed_changes_there_are_no_further_proposals():
         values = {**PX4_DEFAULTS, "GF_ACTION": 4, "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}
 
         def changes(values, sticks=sticks, points=points):
-            findings = failsafe_findings(Situation(values, sticks, (1, 13))) + failsafes.fence_findings(values, points)
-            return [f.change for f in findings if f.change]
+            situation = Situation(values, sticks, (1, 13), fence_points=points)
+            return [f.change for f in findings(situation) if f.change]
 
         proposed = changes(values)
         assert proposed
@@ -126,14 +128,15 @@ def test_a_pilot_with_sticks_needs_a_switch_to_a_manual_mode():
         ({"RC_MAP_FLTMODE": None}, None),
     ]  # fmt: skip
     for changed, passed in cases:
-        rows = {f.row.name: f.row for f in failsafe_findings(Situation({**SANE, **changed}, sticks=True))}
+        rows = {f.row.name: f.row for f in findings(Situation({**SANE, **changed}, sticks=True))}
         assert rows["mode switch"].passed is passed, changed
 
 
 def test_fence_rules_report_bad_settings_and_propose_safe_values():
     def fence_result(points=0, **changed):
         values = {"GF_ACTION": 2, "GF_MAX_HOR_DIST": 100.0, "GF_MAX_VER_DIST": 100.0, "RTL_RETURN_ALT": 60.0, **changed}
-        rows = failsafes.fence_findings(values, points)
+        found = findings(Situation(values, fence_points=points))
+        rows = [f for f in found if f.row.name.split()[0] in FENCE_RULES]
         return [f.row.name.split()[0] for f in rows if f.row.passed is False], {
             f.change.name: f.change.new for f in rows if f.change
         }
@@ -149,5 +152,5 @@ def test_fence_rules_report_bad_settings_and_propose_safe_values():
 
 
 def test_every_rule_is_read_from_the_vehicle():
-    assert set(RULES) <= set(failsafes.FAILSAFE_PARAMETERS)
-    assert all(len(name) <= 16 for name in failsafes.FAILSAFE_PARAMETERS)
+    assert {*FAILSAFE_RULES, *FENCE_RULES} <= set(failsafes.PARAMETERS)
+    assert all(len(name) <= 16 for name in failsafes.PARAMETERS)

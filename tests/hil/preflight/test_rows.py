@@ -43,22 +43,22 @@ def passed(rows, name):
 
 def test_each_unhealthy_sensor_fails_the_sensors_row():
     for bit in [0x1, 0x2, 0x4, 0x8, 0x20]:
-        assert passed(vehicle.health_rows(observed(status())), "sensors") is True, bit
-        assert passed(vehicle.health_rows(observed(status(healthy=GOOD & ~bit))), "sensors") is False, bit
+        assert passed(vehicle.rows(observed(status()), {}), "sensors") is True, bit
+        assert passed(vehicle.rows(observed(status(healthy=GOOD & ~bit)), {}), "sensors") is False, bit
         # PX4 never reports the accelerometer as present
-        assert passed(vehicle.health_rows(observed(status(present=GOOD & ~bit))), "sensors") is (bit == 0x2), bit
+        assert passed(vehicle.rows(observed(status(present=GOOD & ~bit)), {}), "sensors") is (bit == 0x2), bit
 
 
 def test_a_failed_prearm_check_fails_its_row_and_shows_the_status_text():
-    assert passed(vehicle.health_rows(observed(status())), "pre-arm check") is True
-    row = vehicle.health_rows(observed(status(healthy=0x2F), texts=("Preflight Fail: compass",)))[3]
+    assert passed(vehicle.rows(observed(status()), {}), "pre-arm check") is True
+    row = vehicle.rows(observed(status(healthy=0x2F), texts=("Preflight Fail: compass",)), {})[3]
     assert (row.passed, "Preflight Fail: compass" in row.why) == (False, True)
 
 
 def test_the_fix_for_a_vehicle_left_in_offboard_mentions_hold():
     def fix(mode):
         beat = dialect.MAVLink_heartbeat_message(2, 12, 1, MODES[mode].custom_mode, 3, 3)
-        return vehicle.health_rows(observed(beat, status(healthy=0x2F)))[3].fix
+        return vehicle.rows(observed(beat, status(healthy=0x2F)), {})[3].fix
 
     assert "Hold" in fix("OFFBOARD")
     assert "Hold" not in fix("HOLD")
@@ -66,8 +66,8 @@ def test_the_fix_for_a_vehicle_left_in_offboard_mentions_hold():
 
 def test_each_missing_estimate_fails_the_estimator_row():
     for bit in [1, 2, 4, 16, 32]:
-        assert passed(vehicle.health_rows(observed(estimator())), "estimator") is True, bit
-        assert passed(vehicle.health_rows(observed(estimator(0x37 & ~bit))), "estimator") is False, bit
+        assert passed(vehicle.rows(observed(estimator()), {}), "estimator") is True, bit
+        assert passed(vehicle.rows(observed(estimator(0x37 & ~bit)), {}), "estimator") is False, bit
 
 
 def test_faulty_or_inaccurate_estimates_fail():
@@ -76,7 +76,7 @@ def test_faulty_or_inaccurate_estimates_fail():
         (estimator(accuracy=5.1), {}, False), (estimator(accuracy=float("nan")), {}, False),
         (estimator(), {"vel_ratio": 1.1}, False), (estimator(), {"mag_ratio": 0.9}, True),
     ]:  # fmt: skip
-        assert passed(vehicle.health_rows(observed(message, worst_ratio=ratios)), "estimator") is expected, (
+        assert passed(vehicle.rows(observed(message, worst_ratio=ratios), {}), "estimator") is expected, (
             message,
             ratios,
         )
@@ -88,7 +88,7 @@ def test_poor_gps_quality_fails():
         ({"satellites": 255}, True), ({"hdop": 260}, False), ({"hdop": 65535}, True), ({"h_acc": 3100}, False),
         ({"v_acc": 5100}, False), ({"h_acc": 0, "v_acc": 0}, True),
     ]:  # fmt: skip
-        assert passed(vehicle.position_rows(observed(gps(**changed))), "GPS") is expected, changed
+        assert passed(vehicle.rows(observed(gps(**changed)), {}), "GPS") is expected, changed
 
 
 def test_home_must_be_near_the_vehicle():
@@ -96,7 +96,7 @@ def test_home_must_be_near_the_vehicle():
         ((), False), ((home(),), None), ((home(), here()), True), ((home(), here(lat=800)), True),
         ((home(), here(lat=1000)), False), ((home(lon=1_799_999_900), here(lon=-1_799_999_900)), True),
     ]:  # fmt: skip
-        assert passed(vehicle.position_rows(observed(*messages)), "home") is expected, messages
+        assert passed(vehicle.rows(observed(*messages), {}), "home") is expected, messages
 
 
 def test_low_or_implausible_battery_values_fail():
@@ -105,8 +105,8 @@ def test_low_or_implausible_battery_values_fail():
         (status(millivolts=65535), 4, False), (status(millivolts=0), 4, False), (status(remaining=39), 4, False),
         (status(remaining=40), 4, True), (status(remaining=-1), 4, None), (status(millivolts=13900), 4, False),
     ]:  # fmt: skip
-        row = vehicle.battery_row(observed(message), {"BAT1_N_CELLS": cells, "BAT_LOW_THR": 0.15})
-        assert row.passed is expected, (message, cells)
+        rows = vehicle.rows(observed(message), {"BAT1_N_CELLS": cells, "BAT_LOW_THR": 0.15})
+        assert passed(rows, "battery") is expected, (message, cells)
 
 
 def test_low_telemetry_rates_fail():
@@ -156,12 +156,7 @@ def test_a_wrong_calendar_time_does_not_pass_unless_it_is_simulated():
 
 
 def test_silence_is_never_a_pass():
-    rows = [
-        *vehicle.health_rows(Observation()),
-        *vehicle.position_rows(Observation()),
-        vehicle.battery_row(Observation(), {}),
-        *ground_side.wire_rows(Observation()),
-    ]
+    rows = [*vehicle.rows(Observation(), {}), *ground_side.wire_rows(Observation())]
     assert not any(row.passed for row in rows)
 
 
