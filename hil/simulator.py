@@ -10,7 +10,6 @@ A board decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat sh
 because a board would use it as its estimate. Source: PX4 mavlink_receiver.cpp.
 """
 
-import contextlib
 import math
 import select
 import time
@@ -19,11 +18,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from foundation.atmosphere import pressure_altitude
-from foundation.errors import LinkError, UsageError
+from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.sensors import MAX_ROTORS
 from foundation.wire import Frames, clamped, int16, is_frame, message_id
-from hil.link.transport import BAUD, BITS_PER_BYTE, TcpListener, Transport
+from hil.link.transport import BAUD, BITS_PER_BYTE, Reopening, TcpListener, Transport
 
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # bits in HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -155,7 +154,6 @@ USB = ("ttyACM", "usbmodem", "/by-id/usb-")
 ADAPTER = "-port"  # part of the /by-id/ name of an adapter from USB to a serial line, where the baud rate counts
 SHARE = 0.5  # share of the link for HIL_SENSOR; other MAVLink traffic needs the rest
 HEARTBEAT_S = 1.0  # wall seconds between two heartbeats to the board
-REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
 FORGET_S = 3.0  # wall seconds; after so long without a heartbeat, the board counts as gone, as in MAVSDK
 ACTUATORS, HEARTBEAT = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS, dialect.MAVLINK_MSG_ID_HEARTBEAT
 HELLO = dialect.MAVLink_heartbeat_message(
@@ -190,12 +188,13 @@ class BoardLine:
 
     def __init__(self, connect: Callable[[], Transport], packer: Packer) -> None:
         """`connect` opens the link, now and after it breaks. Only errors of the first call are raised."""
-        self._connect, self._packer = connect, packer
-        self._transport: Transport | None = connect()
+        self._packer = packer
+        self._transport = Reopening(connect)
+        self._openings = 0  # reopenings of the link that `exchange` has noticed
         self._parser = Parser()
         self._frames = Frames()
         self._clients = bytearray()  # bytes from the board for the clients, until the next `take`
-        self._hello_due_s = self._reopen_due_s = 0.0
+        self._hello_due_s = 0.0
         self._alive_s = -FORGET_S  # wall time of the autopilot's last heartbeat
         self._hil = False
         self.actuators: dialect.MAVLink_message | None = None  # the newest HIL_ACTUATOR_CONTROLS
@@ -204,7 +203,7 @@ class BoardLine:
     @property
     def present(self) -> bool:
         """Whether the autopilot sends heartbeats."""
-        return self._transport is not None and time.monotonic() - self._alive_s < FORGET_S
+        return self._transport.connected and time.monotonic() - self._alive_s < FORGET_S
 
     @property
     def in_hil(self) -> bool:
@@ -214,19 +213,12 @@ class BoardLine:
     def exchange(self) -> None:
         """Read the link, send the heartbeat when it is due, and reopen a broken link."""
         now_s = time.monotonic()  # the board runs on wall time
-        if self._transport is None and now_s >= self._reopen_due_s:
-            self._reopen_due_s = now_s + REOPEN_S
-            with contextlib.suppress(LinkError):
-                self._transport, self._frames = self._connect(), Frames()
+        data = self._transport.receive(0.0)
+        if self._transport.reopened > self._openings:
+            self._openings, self._frames, self._hil = self._transport.reopened, Frames(), False
         if now_s >= self._hello_due_s:
             self._hello_due_s = now_s + HEARTBEAT_S
             self.send(HELLO)
-        data = b""
-        if self._transport is not None:
-            try:
-                data = self._transport.receive(0.0)
-            except LinkError:
-                self._lose()
         for unit in self._frames.feed(data):
             if is_frame(unit):  # else noise, or output of a boot loader
                 self._take(unit, now_s)
@@ -237,11 +229,8 @@ class BoardLine:
 
     def give(self, data: bytes) -> None:
         """Send a client's bytes unchanged."""
-        if self._transport is not None and data:
-            try:
-                self._transport.send(data)
-            except (LinkError, OSError):
-                self._lose()
+        if data:
+            self._transport.send(data)
 
     def take(self) -> bytes:
         """Return the board's bytes for the clients since the last call: all except the motor outputs."""
@@ -250,8 +239,7 @@ class BoardLine:
         return data
 
     def close(self) -> None:
-        if self._transport is not None:
-            self._transport.close()
+        self._transport.close()
 
     def _take(self, frame: bytes, now_s: float) -> None:
         kind = message_id(frame)
@@ -262,8 +250,3 @@ class BoardLine:
                 self.actuators, self.actuators_s = message, now_s
             elif message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1:
                 self._alive_s, self._hil = now_s, bool(message.base_mode & HIL_ENABLED)
-
-    def _lose(self) -> None:
-        if self._transport is not None:
-            self._transport.close()
-        self._transport, self._hil = None, False

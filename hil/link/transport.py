@@ -374,6 +374,11 @@ class Reopening(Transport):
         self.reopened = 0
         self._retry_s = 0.0
 
+    @property
+    def connected(self) -> bool:
+        """Whether the transport is open."""
+        return self._transport is not None
+
     def follow(self, peer: str) -> None:
         if self._transport is not None:
             self._transport.follow(peer)
