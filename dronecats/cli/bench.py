@@ -3,16 +3,38 @@
 import argparse
 import json
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
-from dronecats.cli import bench_spec, campaign
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
-from dronecats.cli.options import PILOTS, PLACE, SELECTION, add, add_disturbances, add_view, with_folder
+from dronecats.cli.options import (
+    AGENT,
+    COMMAND,
+    LATENCY,
+    PILOTS,
+    PLACE,
+    SELECTION,
+    Option,
+    add,
+    add_disturbances,
+    add_view,
+    with_folder,
+)
 from dronecats.cli.output import print_note
 from foundation.errors import UsageError
 
 EXPORT = "export-parquet"  # as the first argument: export runs as Parquet instead of flying
+NO_RETRY = Option(name="no_retry", kind=bool, help="do not retry flights that did not move: docs/bench.md")
+MATRIX = (
+    replace(AGENT, many=True),
+    replace(COMMAND, many=True, choices=(), metavar="HOW", help="for fleets: flat (default), hierarchical, solo"),
+    replace(LATENCY, many=True),
+    Option(
+        name="rate", many=True, file="a number", metavar="HZ", help="control rate: a reply takes 1/HZ seconds"
+    ),
+)  # fmt: skip
+DROP_STALLED = Option(name="drop_stalled", kind=bool, help="leave flights unscored that the host delayed")
 
 
 def add_bench_options(parser: argparse.ArgumentParser) -> None:
@@ -23,13 +45,13 @@ def add_bench_options(parser: argparse.ArgumentParser) -> None:
         metavar="ID|FILE",
         help="ids or record files; or a .toml file with all options: docs/bench.md; or export-parquet RUN…",
     )
-    add(episodes, (*SELECTION, bench_spec.NO_RETRY))
-    add(parser.add_argument_group("pilot"), (*PILOTS, *bench_spec.MATRIX))
+    add(episodes, (*SELECTION, NO_RETRY))
+    add(parser.add_argument_group("pilot"), (*PILOTS, *MATRIX))
     add_disturbances(parser)
     run_group = parser.add_argument_group("run")
     add(run_group, with_folder(PLACE, "runs/bench-SUITE"))
     add_view(run_group)
-    add(run_group, [bench_spec.DROP_STALLED])
+    add(run_group, [DROP_STALLED])
     parser.set_defaults(run=_run)
 
 
@@ -37,6 +59,7 @@ def _run(args: argparse.Namespace) -> int:
     """Fly. Return 0 if everything was flown, 3 if a flight ended in an error or the budget is spent."""
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
+    from dronecats.cli import bench_spec, campaign
 
     if args.episodes[:1] == [EXPORT]:
         return _export(args)

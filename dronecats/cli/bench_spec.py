@@ -4,13 +4,15 @@ import argparse
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.agent.names import PAPER
+from dronecats.bench.matrix import BenchEntry, ChosenSuite, choose_suite, entries
+from dronecats.cli.bench import DROP_STALLED, MATRIX, NO_RETRY
+from dronecats.cli.fly_spec import commanded_by, template_of
 from dronecats.cli.options import (
-    AGENT,
-    COMMAND,
     DISTURBANCES,
-    LATENCY,
     MODEL,
     PILOTS,
     PLACE,
@@ -23,25 +25,13 @@ from dronecats.cli.options import (
     speed,
 )
 from dronecats.flight.spec.disturbances import UNDISTURBED
+from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated, from_folder, latency_policy
+from dronecats.pilots import roster
 from foundation.errors import UsageError
+from foundation.run_folder.layout import LEDGER
 from foundation.typed_file import toml_table
 from foundation.wording import did_you_mean, nearest
 
-if TYPE_CHECKING:
-    from dronecats.agent.latency import LatencyPolicy
-    from dronecats.bench.matrix import BenchEntry, ChosenSuite
-    from dronecats.flight.spec.flight_spec import FlightSpec
-
-NO_RETRY = Option(name="no_retry", kind=bool, help="do not retry flights that did not move: docs/bench.md")
-MATRIX = (
-    replace(AGENT, many=True),
-    replace(COMMAND, many=True, choices=(), metavar="HOW", help="for fleets: flat (default), hierarchical, solo"),
-    replace(LATENCY, many=True),
-    Option(
-        name="rate", many=True, file="a number", metavar="HZ", help="control rate: a reply takes 1/HZ seconds"
-    ),
-)  # fmt: skip
-DROP_STALLED = Option(name="drop_stalled", kind=bool, help="leave flights unscored that the host delayed")
 EPISODES = Option(name="episodes", many=True, help="by id or file")
 # the valid keys of a benchmark file
 FILE_OPTIONS = {
@@ -109,8 +99,6 @@ def checked(path: Path, table: dict[str, Any], names: Sequence[str], more_names:
 
 
 def _checked(path: Path, name: str, value: Any) -> Any:
-    from dronecats.flight.spec.flight_spec import from_folder
-
     try:
         checked = FILE_OPTIONS[name].read(value)
     except ValueError as wanted:
@@ -118,17 +106,13 @@ def _checked(path: Path, name: str, value: Any) -> Any:
     return [from_folder(policy, path.parent) for policy in checked] if name == "latency" else checked
 
 
-def suite(args: argparse.Namespace) -> "ChosenSuite":
+def suite(args: argparse.Namespace) -> ChosenSuite:
     """Return the requested episodes. Raises UsageError."""
-    from dronecats.bench.matrix import choose_suite
-
     return choose_suite(args.episodes or (), args.suite or ())
 
 
-def runs(args: argparse.Namespace, chosen: "ChosenSuite", out: Path) -> "list[BenchEntry]":
+def runs(args: argparse.Namespace, chosen: ChosenSuite, out: Path) -> list[BenchEntry]:
     """Return all runs of the benchmark. `out`: its folder. Raises UsageError."""
-    from dronecats.bench.matrix import entries
-
     return entries(
         pilots(args, out), chosen, commands=args.command or ("flat",), latencies=_latencies(args), flights=args.flights
     )
@@ -144,29 +128,20 @@ def shard(args: argparse.Namespace) -> tuple[int, int] | None:
     return int(index), int(count)
 
 
-def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
+def _latencies(args: argparse.Namespace) -> list[LatencyPolicy]:
     """Return the latency policies: those of --latency, or one per value of --rate, or the default."""
-    from dronecats.flight.spec.flight_spec import LATENCY as DEFAULT
-    from dronecats.flight.spec.flight_spec import latency_policy
-
     if args.rate and args.latency:
         raise UsageError("--rate and --latency both set the time of a reply. Leave one of them out")
     if args.rate:
         return [latency_policy(f"rate:{rate}") for rate in args.rate]
-    return [latency_policy(text) for text in args.latency or [DEFAULT if args.speed == "max" else "real"]]
+    return [latency_policy(text) for text in args.latency or [LATENCY if args.speed == "max" else "real"]]
 
 
-def pilots(args: argparse.Namespace, out: Path, varied: Collection[str] = ()) -> "list[tuple[str, FlightSpec]]":
+def pilots(args: argparse.Namespace, out: Path, varied: Collection[str] = ()) -> list[tuple[str, FlightSpec]]:
     """Return (name, flight) for each pair of pilot and agent. The flights have no episode, command or latency yet.
 
     `varied`: names of the factors that a study sets afterwards.
     """
-    from dronecats.agent.names import PAPER
-    from dronecats.cli.fly_spec import commanded_by, template_of
-    from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-    from dronecats.pilots import roster
-    from foundation.run_folder.layout import LEDGER
-
     named: list[tuple[str, dict[str, Any]]] = [_model(row, args) for row in args.model or ()]
     named += [(name, {"pilot": roster.check(name)}) for name in args.pilot or ()]
     if not args.model and (alone := first_set(args, MODEL)):

@@ -7,14 +7,12 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import print_line, show
+from dronecats.report.table import ReportTable, table_of, words
 from foundation.errors import UsageError
-
-if TYPE_CHECKING:
-    from dronecats.report.table import ReportTable
 
 VIEWS_WANTED = 20  # number of different views of the board that a live camera must give
 
@@ -85,10 +83,8 @@ def _written(path: Path, picture: Any) -> bool:
         return False
 
 
-def _table(measured: dict[str, Any]) -> "ReportTable":
+def _table(measured: dict[str, Any]) -> ReportTable:
     """Return the measurements as a table of names and texts."""
-    from dronecats.report.table import table_of, words
-
     model = measured["model"]
 
     def ms(value: float | None) -> str:

@@ -8,22 +8,24 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dronecats.agent.models.ledger import Spent
+from dronecats.bench.benchmark_folder import Bench
+from dronecats.bench.campaign import Campaign, EndedFlight, Ending
+from dronecats.bench.engine import Engine, LocalEngine
+from dronecats.bench.progress import CostEstimate, Progress
+from dronecats.bench.tables import BenchRow, EpisodeScore, bench_table
 from dronecats.cli.options import view_of
 from dronecats.cli.output import Live, print_note, show
+from dronecats.flight.run.accounts import spent_in
+from dronecats.view.live.opening import opened
+from foundation import extras
 from foundation.errors import UsageError
 from foundation.machine import cores
+from foundation.run_folder.layout import LEDGER
+from foundation.run_folder.results import Result
 from foundation.wording import counted
-
-if TYPE_CHECKING:
-    from dronecats.agent.models.ledger import Spent
-    from dronecats.bench.benchmark_folder import Bench
-    from dronecats.bench.campaign import Ending
-    from dronecats.bench.engine import Engine
-    from dronecats.bench.progress import CostEstimate
-    from dronecats.bench.tables import BenchRow, EpisodeScore
-    from foundation.run_folder.results import Result
 
 SPARE_FILES = 256  # open files that a campaign needs in addition to a lock per run
 
@@ -33,18 +35,16 @@ class CampaignResult:
     """The result of a campaign: its scores, and the flights that ended in an error."""
 
     out: Path
-    scores: "list[EpisodeScore]"  # of all requested episodes, flown now or earlier
-    ending: "Ending"
+    scores: list[EpisodeScore]  # of all requested episodes, flown now or earlier
+    ending: Ending
     episodes: int  # number of requested episodes
     done: int  # number of requested episodes that have a result
-    spent: "Spent | None"  # None: no model was paid
-    broken: "Mapping[tuple[str, str], Result]"  # (run, episode) → result of a flight that ended in an error
+    spent: Spent | None  # None: no model was paid
+    broken: Mapping[tuple[str, str], Result]  # (run, episode) → result of a flight that ended in an error
 
 
 def check_engine(args: argparse.Namespace) -> None:
     """Raise UsageError for --address without --engine ray, --view with --engine ray, and a missing package."""
-    from foundation import extras
-
     if view_of(args) and args.engine == "ray":
         raise UsageError("--view shows flights of this machine only, not of a cluster. Leave it out")
     if args.address and args.engine != "ray":
@@ -66,16 +66,11 @@ def allow_locks(runs: int) -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
-def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitStack) -> CampaignResult:
+def fly(bench: Bench, args: argparse.Namespace, *, retry: bool, pages: ExitStack) -> CampaignResult:
     """Fly the missing flights of `bench`, print progress on standard error, and close `bench`.
 
     The page of --view stays open until `pages` is closed. Raises DronecatsError.
     """
-    from dronecats.bench.campaign import Campaign, EndedFlight
-    from dronecats.bench.progress import CostEstimate, Progress
-    from dronecats.flight.run.accounts import spent_in
-    from dronecats.view.live.opening import opened
-
     broken: dict[tuple[str, str], Result] = {}
     try:
         jobs = args.jobs or cores()
@@ -131,7 +126,7 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
     )  # fmt: skip
 
 
-def _cost_line(estimate: "CostEstimate") -> str:
+def _cost_line(estimate: CostEstimate) -> str:
     flights = f"{counted(estimate.flights, 'flight')} of models"
     usd = estimate.left_usd()
     if usd is None:
@@ -141,14 +136,11 @@ def _cost_line(estimate: "CostEstimate") -> str:
     )
 
 
-def _engine(args: argparse.Namespace, out: Path, jobs: int, *, paid: bool) -> "Engine":
+def _engine(args: argparse.Namespace, out: Path, jobs: int, *, paid: bool) -> Engine:
     """Return the engine that runs the flights; `paid`: whether some flight uses a paid model.
 
     Raises UsageError for --cache with a cluster, and if the cluster does not answer.
     """
-    from dronecats.bench.engine import LocalEngine
-    from foundation.run_folder.layout import LEDGER
-
     if args.engine != "ray":
         return LocalEngine(out / "worker.log", jobs)
     if args.cache:
@@ -159,11 +151,9 @@ def _engine(args: argparse.Namespace, out: Path, jobs: int, *, paid: bool) -> "E
 
 
 def print_result(
-    result: CampaignResult, rows: "Sequence[BenchRow]", *, as_json: bool, more: Mapping[str, Any] | None = None
+    result: CampaignResult, rows: Sequence[BenchRow], *, as_json: bool, more: Mapping[str, Any] | None = None
 ) -> None:
     """Print the table and the folder; with `as_json`, print one object with the result and `more`."""
-    from dronecats.bench.tables import bench_table
-
     if as_json:
         spent = result.spent and {"tokens": result.spent.tokens, "usd": round(result.spent.usd, 6)}
         counts = {"ending": result.ending, "episodes": result.episodes, "done": result.done, "spent": spent}

@@ -8,7 +8,11 @@ from typing import Any
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
+from dronecats.report.table import TableColumn, table_of
 from foundation.errors import UsageError
+from foundation.run_folder.layout import EPISODE
+from foundation.run_folder.reading import episode_folder
+from foundation.run_folder.rows import drone_label
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
@@ -73,17 +77,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _record(path: Path) -> bytes:
     """Return the bytes of a flight's episode record; empty if it has none."""
-    from foundation.run_folder.layout import EPISODE
-    from foundation.run_folder.reading import episode_folder
-
     file = episode_folder(path) / EPISODE
     return file.read_bytes() if file.is_file() else b""
 
 
 def _print(result: dict[str, Any]) -> None:
-    from dronecats.report.table import TableColumn, table_of
-    from foundation.run_folder.rows import drone_label
-
     heads = {"from_s": ("from", "s", 0), "to_s": ("to", "s", 1), "max_m": ("max", "m", 2), "mean_m": ("mean", "m", 2),
              "rms_m": ("rms", "m", 2)}  # fmt: skip
     columns = [TableColumn(name=n, title=t, unit=u, decimals=d) for n, (t, u, d) in heads.items()]

@@ -9,6 +9,8 @@ from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import add_page, page_of, serve
 from dronecats.cli.output import print_line, show
+from dronecats.report.table import numbers, table_of, words
+from dronecats.view.scene.page_hosts import reach
 from foundation.errors import UsageError
 from foundation.files import file_errors_as
 
@@ -30,7 +32,6 @@ def _edit(args: argparse.Namespace) -> int:
     interrupt_on_signals()
     port, hosts = page_of(args)
     from dronecats.view.editor.editor import Editor
-    from dronecats.view.scene.page_hosts import reach
 
     print_line("building the map …")
     editor = Editor(args.what, args.out, port, hosts)
@@ -129,7 +130,6 @@ def _probe(args: argparse.Namespace) -> int:
     """Write pictures of signs and plates at several distances, their index and a contact sheet."""
     if args.seed < 0:
         raise UsageError(f"--seed must be 0 or more, got {args.seed}")
-    from dronecats.report.table import numbers, table_of, words
     from episodes.authoring.asset_pictures import write_probe
 
     probes = write_probe(args.out, args.seed)

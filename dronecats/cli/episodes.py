@@ -5,6 +5,7 @@ import dataclasses
 import json
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +13,11 @@ from dronecats.cli.episode_authoring import add_new_options, add_optics_options,
 from dronecats.cli.episodes_audit import add_audit_options
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import Drawing, show
+from dronecats.report.table import ReportTable, in_blocks, numbers, row, table_of, words
+from episodes.authoring.check.finding import RuleFinding
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from dronecats.report.table import ReportTable
-    from episodes.authoring.check.finding import RuleFinding
     from episodes.authoring.check.rules import Report
     from episodes.records.record import EpisodeRecord
 
@@ -60,7 +59,6 @@ def add_episodes_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _list(args: argparse.Namespace) -> int:
-    from dronecats.report.table import numbers, table_of, words
     from episodes.records import catalogue
     from episodes.records.catalogue import load_par
 
@@ -76,7 +74,7 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
-def _summary(record: "EpisodeRecord", suites: "Sequence[str]", par: int | None) -> dict[str, Any]:
+def _summary(record: "EpisodeRecord", suites: Sequence[str], par: int | None) -> dict[str, Any]:
     return {
         "id": record.id,
         "map": record.map,
@@ -89,7 +87,6 @@ def _summary(record: "EpisodeRecord", suites: "Sequence[str]", par: int | None) 
 
 def _show(args: argparse.Namespace) -> int:
     """Print the episode and, with --picture, write its first frame."""
-    from dronecats.report.table import table_of, words
     from episodes.records import catalogue
     from episodes.records.catalogue import load_par
 
@@ -111,7 +108,7 @@ def _show(args: argparse.Namespace) -> int:
     return 0
 
 
-def _lines(record: "EpisodeRecord", member: "Sequence[str]", par: int | None) -> list[tuple[str, str]]:
+def _lines(record: "EpisodeRecord", member: Sequence[str], par: int | None) -> list[tuple[str, str]]:
     target = record.target
     goal = target.native or f"{target.paint} {target.asset}"
     if target.inscription:
@@ -174,10 +171,8 @@ def _check(args: argparse.Namespace) -> int:
     return 1 if rejected or uneven else 0
 
 
-def _tables(reports: "list[Report]", about_suite: "list[RuleFinding]", rules: bool) -> "list[ReportTable]":
+def _tables(reports: "list[Report]", about_suite: list[RuleFinding], rules: bool) -> list[ReportTable]:
     """Return a table with a row per record; with `rules`, a row per rule of each record and of the suite."""
-    from dronecats.report.table import ReportTable, in_blocks, row, table_of, words
-
     verdicts = [(report.name, f"REJECTED  {report.reason}" if report.reason else "ok") for report in reports]
     if not rules:
         return [table_of((words(""), words("")), verdicts)]

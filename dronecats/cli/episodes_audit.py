@@ -10,7 +10,11 @@ from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import print_note, progress_bar, show
 from foundation.errors import UsageError
+from foundation.files import write_json
 from foundation.machine import cores
+from foundation.run_folder.folder import fresh_run
+from foundation.run_folder.reading import stored_result
+from foundation.run_folder.results import Result
 from foundation.wording import printable
 
 LOG_PERIOD_S = 30.0  # s between two progress lines in a log
@@ -19,7 +23,6 @@ if TYPE_CHECKING:
     from dronecats.bench.campaign import EndedFlight
     from dronecats.flight.spec.flight_spec import FlightSpec
     from episodes.records.catalogue import BlindFlight
-    from foundation.run_folder.results import Result
 
 
 def add_audit_options(parser: argparse.ArgumentParser) -> None:
@@ -53,8 +56,6 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.flight.run.fly import settings
     from dronecats.flight.spec.flight import look_up
     from episodes.records.catalogue import load_blind
-    from foundation.run_folder.folder import fresh_run
-    from foundation.run_folder.reading import stored_result
 
     interrupt_on_signals()
     if args.jobs is not None and not 1 <= args.jobs <= 64:
@@ -128,7 +129,7 @@ def _flight(args: argparse.Namespace) -> "FlightSpec":
     )
 
 
-def _reason(result: "Result") -> str:
+def _reason(result: Result) -> str:
     if result.error:
         return f": {result.error}"
     return f", {result.ne_m:.1f} m away at the end" if result.ne_m is not None else ""
@@ -138,7 +139,6 @@ def _keep(steps: dict[str, int]) -> None:
     """Store the oracle's steps as the par (reference step count) of shipped episodes. Other episodes keep their par."""
     from episodes.records import catalogue
     from episodes.records.catalogue import PAR, load_par
-    from foundation.files import write_json
 
     table = {**load_par(), **steps}
     write_json(PAR, {episode: table[episode] for episode in catalogue.all_ids() if episode in table})
@@ -148,6 +148,5 @@ def _keep_blind(pilot: str, flights: "dict[str, BlindFlight]") -> None:
     """Store a blind pilot's results in shipped episodes in blind.json."""
     from episodes.records import catalogue
     from episodes.records.catalogue import BLIND, load_blind, merged
-    from foundation.files import write_json
 
     write_json(BLIND, merged(load_blind(), pilot, flights, catalogue.all_ids()))

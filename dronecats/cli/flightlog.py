@@ -5,15 +5,17 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import Drawing, show
+from dronecats.judge.diagnostics import distances_sentence
+from dronecats.report.table import ReportTable, numbers, table_of, words
 from foundation.errors import UsageError
-
-if TYPE_CHECKING:
-    from dronecats.report.table import ReportTable
-    from hil.link.flight_logs import FlightLog
+from foundation.run_folder.layout import EPISODE
+from foundation.run_folder.reading import episode_folder, episodes, read
+from foundation.run_folder.writing import as_json
+from hil.link.flight_logs import FlightLog, log_store
 
 
 def add_flightlog_options(parser: argparse.ArgumentParser) -> None:
@@ -51,9 +53,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _on_board(args: argparse.Namespace) -> int:
-    from foundation.run_folder.reading import episodes
-    from hil.link.flight_logs import log_store
-
     with log_store(args.connect) as store:
         logs = store.entries()
         if args.action == "list":
@@ -84,12 +83,8 @@ def _trace(args: argparse.Namespace) -> int:
 
     If truth.jsonl has true poses, print the error of the estimated path instead of a judgement.
     """
-    from dronecats.judge.diagnostics import distances_sentence
     from dronecats.judge.episode import write_verdict
     from dronecats.report.afterflight import against_truth, derive, target_from
-    from foundation.run_folder.layout import EPISODE
-    from foundation.run_folder.reading import episode_folder, read
-    from foundation.run_folder.writing import as_json
 
     if args.target_std is not None and not args.target:
         raise UsageError("--target-std goes with --target. Add it, or leave --target-std out")
@@ -121,9 +116,7 @@ def _trace(args: argparse.Namespace) -> int:
     return 0
 
 
-def _table(logs: "list[FlightLog]") -> "ReportTable":
-    from dronecats.report.table import numbers, table_of, words
-
+def _table(logs: list[FlightLog]) -> ReportTable:
     lines = ((log.number, log.date, f"{log.size_bytes:,}") for log in logs)
     return table_of((numbers("log"), words("date"), numbers("bytes")), lines)
 

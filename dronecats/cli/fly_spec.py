@@ -1,144 +1,28 @@
 """Converts the options of `dronecats fly` into a FlightSpec."""
 
 import argparse
+import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dronecats.agent.models.spec import PROVIDERS
-from dronecats.cli.options import (
-    ACCOUNTS,
-    AGENT,
-    COMMAND,
-    DISTURBANCES,
-    LATENCY,
-    MODEL,
-    REPLIES,
-    SIGN,
-    Option,
-    accounts_of,
-    first_set,
-    is_set,
-    key_of,
-    model_of,
-    speed,
-)
+from dronecats.agent.models import rows
+from dronecats.agent.models.spec import provider_of
+from dronecats.agent.prompt import Prompt
+from dronecats.cli.fly import OPTIONS
+from dronecats.cli.options import MODEL, accounts_of, first_set, is_set, key_of, model_of, speed
 from dronecats.flight.spec.disturbances import UNDISTURBED
+from dronecats.flight.spec.flight_spec import LATENCY, Authority, Connected, FlightSpec, Simulated, latency_policy
+from dronecats.flight.spec.spec_file import options_with_redacted_address, read, recorded
+from dronecats.pilots import roster
+from episodes import maps
+from episodes.camera.optics.options import load as load_optics
+from episodes.records import catalogue
 from foundation.errors import UsageError
+from hil.cameras.lens import load as load_calibration
+from hil.link import envelope
+from hil.link.envelope import SIMULATED, Limits
 
-if TYPE_CHECKING:
-    from dronecats.flight.spec.flight_spec import FlightSpec
-    from hil.link.envelope import Limits
-
-VEHICLE = (
-    Option(name="sitl", kind=bool, help="simulate the vehicle, its autopilot and its camera"),
-    Option(name="connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"),
-    SIGN,
-    Option(
-        name="camera", metavar="URL", vehicle="--connect", beside_spec=True,
-        help="http://, rtsp://, v4l2:0, a video file or a folder",
-    ),
-    Option(
-        name="calibration", kind=Path, metavar="FILE", vehicle="--connect", help="lens of the camera: docs/cameras.md"
-    ),
-    Option(
-        name="world", metavar="EPISODE", vehicle="--connect",
-        help="draw this episode or map for a vehicle in a simulator of its own, such as PX4 SITL",
-    ),
-    Option(
-        name="truth", metavar="URL", vehicle="--connect",
-        help="with --world: source of the true poses; for PX4 SITL udpin://127.0.0.1:19410",
-    ),
-    Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after you confirm"),
-    Option(name="dry_run", kind=bool, vehicle="--connect", help="ask the pilot and draw its actions, but move nothing"),
-    Option(name="then", choices=("land", "return", "hold"), vehicle="--connect", help="how the flight ends"),
-    Option(
-        name="envelope", kind=Path, metavar="FILE", replay="may change",
-        help="limits of the safety envelope: docs/envelope.md",
-    ),
-    Option(name="no_envelope", kind=bool, vehicle="--sitl", replay="may change", help="no limits at all"),
-    Option(name="instruction", metavar="TEXT", vehicle="--connect", help="the task of the pilot"),
-    Option(
-        name="target", metavar="LAT,LON[,ALT]", vehicle="--connect", beside_spec=True,
-        help="surveyed position of the target: docs/after-flight.md",
-    ),
-    Option(
-        name="target_std", kind=float, metavar="M", vehicle="--connect", beside_spec=True,
-        help="with --target: standard deviation per axis (default 3)",
-    ),
-    Option(name="airframe", metavar="NAME", vehicle="--sitl", replay="may change", help="name or file (default x500)"),
-    Option(
-        name="optics", kind=Path, metavar="FILE", vehicle="--sitl", replay="may change", help="lens, noise, weather"
-    ),
-    Option(
-        name="depth", kind=bool, vehicle="--sitl", replay="may change",
-        help="also give a depth image, to an agent of your own: docs/cameras.md",
-    ),
-    Option(
-        name="autopilot", choices=("ours", "px4"), vehicle="--sitl", replay="may change",
-        help="autopilot of the simulated vehicle (default ours)",
-    ),
-    Option(
-        name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",
-        help="with --autopilot px4: command that starts your PX4 (default: wait for one)",
-    ),
-    Option(
-        name="keep_ulog", kind=bool, replay="as recorded",
-        help="with --connect or --px4: fetch PX4's log after the flight",
-    ),
-)  # fmt: skip
-PILOT = (
-    Option(
-        name="pilot", metavar="NAME", replay="as recorded",
-        help="built in: vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE",
-    ),
-    Option(
-        name="model", metavar="NAME",
-        help=f"a row of `dronecats models list`, replay:RUN, or PROVIDER/NAME; providers: {', '.join(PROVIDERS)}",
-    ),
-    *MODEL,
-    *ACCOUNTS,  # limits of cost and tokens, and the cache of replies
-    Option(
-        name="ledger", kind=Path, metavar="FILE", help="with --model: add the cost of this run to this file",
-        beside_spec=True,
-    ),
-    *REPLIES,
-    AGENT,
-)  # fmt: skip
-RUN = (
-    Option(
-        name="episode", metavar="ID", vehicle="--sitl", replay="may change", beside_spec=True,
-        help="id or file (default: go to the cyan SUV)",
-    ),
-    Option(
-        name="drones", kind=int, metavar="N", vehicle="--sitl", replay="as recorded",
-        help="drones of a commanding episode, 1 to 8 (default 4)",
-    ),
-    Option(
-        name="speed", metavar="N|max", vehicle="--sitl", replay="may change",
-        help="factor on real time (default 1); max is lockstep",
-    ),
-    Option(
-        name="seed", kind=int, vehicle="--sitl", replay="may change",
-        help="seed of all random values (default 0)",
-    ),
-    Option(name="seconds", kind=float, vehicle="--connect", help="length of the flight (default 300)"),
-    Option(
-        name="patience", kind=float, metavar="S", vehicle="--connect",
-        help="end the flight after S seconds without a reply (default 60)",
-    ),
-    Option(
-        name="spec", kind=Path, metavar="FILE", help="repeat the flight of a run.json",
-        beside_spec=True,
-    ),
-    Option(
-        name="full", kind=bool, vehicle="--sitl", replay="may change",
-        help="fly to the time limit even when the verdict is decided",
-    ),
-    Option(name="out", kind=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)", beside_spec=True),
-    Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
-)  # fmt: skip
-OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
 PAGE = ("view", "view_port", "view_host", "view_stay")
 ALLOWED_WITH_SPEC = {"verb", "run", *PAGE, *(option.name for option in OPTIONS if option.beside_spec)}
 REPLAY = "replay:"
@@ -146,7 +30,7 @@ SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # default of --patience, s without a reply after which a real flight ends
 
 
-def spec_of(args: argparse.Namespace) -> "FlightSpec":
+def spec_of(args: argparse.Namespace) -> FlightSpec:
     """Return the requested flight. Raises UsageError for options that contradict each other."""
     if args.target_std is not None and not args.target:
         raise UsageError("--target-std goes with --target. Add it, or leave --target-std out")
@@ -171,11 +55,7 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
     return _connected(args) if args.connect else _simulated(args)
 
 
-def _simulated(args: argparse.Namespace) -> "FlightSpec":
-    from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated, latency_policy
-    from episodes.camera.optics.options import load as load_optics
-    from episodes.records import catalogue
-
+def _simulated(args: argparse.Namespace) -> FlightSpec:
     factor = speed(args.speed or "1")
     vehicle = Simulated(
         airframe=args.airframe or Simulated().airframe,
@@ -201,12 +81,8 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
     )
 
 
-def _replayed(args: argparse.Namespace) -> "FlightSpec":
+def _replayed(args: argparse.Namespace) -> FlightSpec:
     """Return the specification of a recorded flight, changed by the options that may change in a replay."""
-    from dronecats.flight.spec.flight_spec import Simulated, latency_policy
-    from dronecats.flight.spec.spec_file import recorded
-    from episodes.camera.optics.options import load as load_optics
-
     path = args.model.removeprefix(REPLAY)
     if args.connect:
         raise UsageError("--model replay:RUN goes with --sitl. For a connected vehicle use --pilot recorded:FILE")
@@ -252,24 +128,16 @@ def replay_line(args: argparse.Namespace, flight: str) -> str:
 
 
 def template_of(file: Path) -> str:
-    from dronecats.agent.prompt import Prompt
-
     return Prompt.load(file).template
 
 
-def _envelope(args: argparse.Namespace) -> "Limits | None":
-    from hil.link.envelope import SIMULATED
-
+def _envelope(args: argparse.Namespace) -> Limits | None:
     if args.no_envelope and args.envelope:
         raise UsageError("--no-envelope and --envelope FILE contradict each other. Choose one")
     return None if args.no_envelope else _limits(args.envelope, SIMULATED)
 
 
-def _connected(args: argparse.Namespace) -> "FlightSpec":
-    from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec, latency_policy
-    from hil.cameras.lens import load as load_calibration
-    from hil.link.envelope import Limits
-
+def _connected(args: argparse.Namespace) -> FlightSpec:
     if args.world and args.target:
         raise UsageError("--target does not go with --world, whose truth is known. Leave one of them out")
     key_of(args.sign)
@@ -295,10 +163,8 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
     )
 
 
-def _read(args: argparse.Namespace) -> "FlightSpec":
+def _read(args: argparse.Namespace) -> FlightSpec:
     """Return the flight in the file of --spec, changed by the options that are allowed with --spec."""
-    from dronecats.flight.spec.spec_file import options_with_redacted_address, read
-
     stray = next((name for name, value in vars(args).items() if name not in ALLOWED_WITH_SPEC and is_set(value)), None)
     if stray:
         raise UsageError(f"--spec defines the flight. Leave --{stray.replace('_', '-')} out")
@@ -334,8 +200,6 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
-    from dronecats.pilots import roster
-
     fields: dict[str, Any] = {
         "prompt": template_of(args.prompt) if args.prompt else None,
         "accounts": accounts_of(args, args.ledger),
@@ -351,15 +215,11 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
 
 def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
     """Return the fields of a flight that define how its fleet is commanded: command, commander, scripted."""
-    from dronecats.agent.models.rows import model_of as row_or_name
-    from dronecats.agent.models.spec import provider_of
-    from dronecats.pilots import roster
-
     fields: dict[str, Any] = {"command": args.command} if args.command else {}
     if args.commander and args.commander.startswith(SCRIPTED):
         return {**fields, "scripted": roster.check_commander(args.commander)}
     if args.commander:
-        fields["commander"] = commander = row_or_name(args.commander, args.commander_url)
+        fields["commander"] = commander = rows.model_of(args.commander, args.commander_url)
         has_url = commander.base_url is not None or provider_of(commander.provider).base_url is not None
         if args.command == "hierarchical" and not has_url:  # FlightSpec rejects a commander with other commands
             raise UsageError(f"--commander {commander.title} needs --commander-url http://HOST:PORT/v1")
@@ -368,18 +228,12 @@ def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
 
 def _of_episode(name: str) -> dict[str, Any]:
     """Return the FlightSpec field for an episode: the id of a shipped episode, or the record of another one."""
-    import json
-
-    from episodes.records import catalogue
-
     if name in catalogue.all_ids():
         return {"episode": name}
     return {"record": json.loads(catalogue.load(name).to_json())}
 
 
 def _of_world(name: str, instruction: str | None) -> dict[str, Any]:
-    from episodes import maps
-
     if name in maps.names():
         if not instruction:
             raise UsageError(f"'{name}' is a map, which has no instruction. Add --instruction, or name an episode")
@@ -389,7 +243,5 @@ def _of_world(name: str, instruction: str | None) -> dict[str, Any]:
     return _of_episode(name)
 
 
-def _limits(file: Path | None, base: "Limits") -> "Limits":
-    from hil.link.envelope import load
-
-    return load(file, base) if file else base
+def _limits(file: Path | None, base: Limits) -> Limits:
+    return envelope.load(file, base) if file else base

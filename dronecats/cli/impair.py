@@ -3,9 +3,12 @@
 import argparse
 from typing import Any
 
+from dronecats.cli.exit_status import interrupt_on_signals
 from foundation.declaration import DeclaredNumber, declarations
 from foundation.errors import UsageError
-from hil.impairment import Impairment
+from foundation.redaction import redacted
+from hil.impairment import ImpairedWire, Impairment
+from hil.link.transport import connect
 
 DIRECTIONS = "A both ways, or A,B: A towards the autopilot and B from it"
 QUANTITIES: dict[str, DeclaredNumber] = {  # field of Impairment → the option that sets it; --baud 0: no limit
@@ -32,11 +35,6 @@ def add_impair_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Forward until Ctrl-C, then print the counts. The exit status is 3 if a connection breaks."""
     import time
-
-    from dronecats.cli.exit_status import interrupt_on_signals
-    from foundation.redaction import redacted
-    from hil.impairment import ImpairedWire
-    from hil.link.transport import connect
 
     if args.report is not None and not 0.1 <= args.report <= 3600.0:
         raise UsageError(f"--report must be 0.1 to 3600 seconds, got {args.report:g}")

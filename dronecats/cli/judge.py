@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
+from dronecats.judge.diagnostics import distances_sentence
+from dronecats.report.table import CellValue, ReportTable, in_blocks, numbers, row, table_of, words
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.wording import counted
 
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from dronecats.judge.metrics.judging import JudgedEpisode
     from dronecats.judge.metrics.metric import MetricValue
     from dronecats.report.recorded.run import RecordedRun
-    from dronecats.report.table import CellValue, ReportTable
 
 DIFFERS = 4  # exit status: a stored verdict differs from the logs, or the logs contradict themselves
 
@@ -81,10 +82,8 @@ def _names(folders: Sequence[tuple[Path, Path]]) -> list[str]:
     return [f"{run if ambiguous else run.name}/{folder.resolve().name}" for run, folder in folders]
 
 
-def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
+def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> ReportTable:
     """Return a table with a row per episode and a block per run. Remarks about episodes are notes of the table."""
-    from dronecats.report.table import ReportTable, in_blocks, numbers, row, words
-
     columns = (words("episode"), words("outcome"), numbers("NE", unit="m", decimals=2), numbers("steps"),
                numbers("declarations"), words("mode"), words("verdict.json"))  # fmt: skip
     rows, notes = [], []
@@ -98,7 +97,7 @@ def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "
     return ReportTable(columns=columns, blocks=in_blocks(rows), notes=tuple(notes))
 
 
-def _line(name: str, episode: "JudgedEpisode") -> "tuple[CellValue, ...]":
+def _line(name: str, episode: "JudgedEpisode") -> tuple[CellValue, ...]:
     verdict = episode.verdict
     mode = "ended at success" if verdict.outcome == "success" and verdict.censored else episode.mode or ""
     return name, verdict.outcome, verdict.ne_m, verdict.steps, verdict.declarations, mode, _agreement(episode)
@@ -106,7 +105,6 @@ def _line(name: str, episode: "JudgedEpisode") -> "tuple[CellValue, ...]":
 
 def _remarks(episode: "JudgedEpisode") -> list[str]:
     from dronecats.judge.commanding import commanding_sentence
-    from dronecats.judge.diagnostics import distances_sentence
 
     verdict = episode.verdict
     remarks = [
@@ -165,7 +163,6 @@ def _audit(args: argparse.Namespace) -> int:
 
 def _print(audit: "Audit") -> None:
     from dronecats.judge.metrics.audit import RULES
-    from dronecats.report.table import numbers, table_of, words
 
     successes = counted(audit.successes, "success", "successes")
     print(f"{counted(audit.episodes, 'episode')}, {audit.scored} scored, {successes}")

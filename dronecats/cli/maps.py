@@ -5,15 +5,13 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
+from dronecats.report.table import ReportTable, table_of, words
 from foundation.errors import UsageError
 from foundation.files import file_errors_as
-
-if TYPE_CHECKING:
-    from dronecats.report.table import ReportTable
 
 
 def add_maps_options(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +54,6 @@ def spawn(text: str) -> tuple[float, ...]:
 
 def run(args: argparse.Namespace) -> int:
     """List, show, export or import maps."""
-    from dronecats.report.table import table_of, words
     from episodes import maps
     from episodes.maps import gltf, user
 
@@ -113,9 +110,7 @@ def _facts(scene: Any) -> dict[str, Any]:
     }
 
 
-def _table(facts: dict[str, Any]) -> "ReportTable":
-    from dronecats.report.table import table_of, words
-
+def _table(facts: dict[str, Any]) -> ReportTable:
     (n0, n1), (e0, e1), (h0, h1) = facts["north_m"], facts["east_m"], facts["height_m"]
     kinds = ", ".join(f"{count} {kind}" for kind, count in facts["kinds"].items())
     lines = [

@@ -9,17 +9,20 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.models.model import ending_reason
+from dronecats.agent.models.model import Request, ending_reason
+from dronecats.agent.models.rows import ModelRow, row_of, rows
+from dronecats.agent.models.spec import LOOPBACK, PROVIDERS, ModelSpec, provider_of, spec_of
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import MODEL, add, describe_model, is_set, model_of, with_options
 from dronecats.cli.output import show
+from dronecats.report.table import numbers, table_of, words
 from foundation.errors import UsageError
+from foundation.protocol import HISTORY_LENGTH
+from foundation.redaction import redacted_url
 from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.agent.models.probe import ProbeResult
-    from dronecats.agent.models.rows import ModelRow
-    from dronecats.agent.models.spec import ModelSpec
 
 INSTRUCTION = "go to the cyan SUV"  # the task in the request that `show` prints
 REPLY_SHOWN = 120  # characters of a reply that are printed
@@ -60,9 +63,6 @@ def add_models_options(parser: argparse.ArgumentParser) -> None:
 
 def _list(args: argparse.Namespace) -> int:
     """Print the rows, or the models that a server lists."""
-    from dronecats.agent.models.rows import rows
-    from dronecats.report.table import numbers, table_of, words
-
     if args.endpoint:
         names = listed(args.endpoint)
         print(json.dumps({"endpoint": args.endpoint, "models": names}) if args.json else "\n".join(names))
@@ -92,7 +92,6 @@ def listed(endpoint: str) -> list[str]:
     `endpoint` is an address or a provider's name. Only a provider's own address gets that provider's key. Raises
     UsageError for an invalid address, and ModelError if the server sends no list.
     """
-    from dronecats.agent.models.spec import PROVIDERS, ModelSpec
     from dronecats.agent.models.wire_formats import open_model
 
     url = endpoint.rstrip("/")
@@ -105,10 +104,8 @@ def listed(endpoint: str) -> list[str]:
         model.close()
 
 
-def _row_as_json(row: "ModelRow") -> dict[str, Any]:
+def _row_as_json(row: ModelRow) -> dict[str, Any]:
     """Return a row as JSON values: its settings, its file, and whether its key is set. The key is not included."""
-    from dronecats.agent.models.spec import LOOPBACK, provider_of
-
     spec, provider = row.spec, provider_of(row.spec.provider)
     variable = provider.key_variable
     return {
@@ -140,9 +137,6 @@ def _line(row: dict[str, Any]) -> tuple[str, ...]:
 
 def _show(args: argparse.Namespace) -> int:
     """Print the model's settings and an example request. This sends nothing and needs no key."""
-    from dronecats.agent.models.rows import row_of, rows
-    from dronecats.agent.models.spec import spec_of
-
     row = row_of(args.model, rows())
     spec = with_options(row.spec if row else spec_of(args.model), args)
     shown = _request(spec, args.lifted)
@@ -162,9 +156,7 @@ def _show(args: argparse.Namespace) -> int:
     return 0
 
 
-def _rowless(spec: "ModelSpec") -> str:
-    from dronecats.agent.models.spec import provider_of
-
+def _rowless(spec: ModelSpec) -> str:
     provider = provider_of(spec.provider)
     has_switch = bool(provider.thinking or provider.quick)
     note = (
@@ -173,22 +165,17 @@ def _rowless(spec: "ModelSpec") -> str:
     return f"No row of models.toml: the settings of every model of {provider.name}{note}"
 
 
-def _recorded(spec: "ModelSpec") -> dict[str, Any]:
+def _recorded(spec: ModelSpec) -> dict[str, Any]:
     """Return the model as JSON values. Parts of its address that may be a key are removed."""
-    from foundation.redaction import redacted_url
-
     return asdict(replace(spec, base_url=redacted_url(spec.base_url) if spec.base_url else None))
 
 
-def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
+def _request(spec: ModelSpec, lifted: bool) -> dict[str, Any]:
     """Return {url, headers, body} of a flight's first request, without key and picture. `lifted`: with reasoning."""
-    from dronecats.agent.models.model import Request
     from dronecats.agent.models.probe import marked_picture
-    from dronecats.agent.models.spec import provider_of
     from dronecats.agent.models.wire_formats import open_model
     from dronecats.agent.prompt import History, Prompt
     from foundation.camera import CameraModel
-    from foundation.protocol import HISTORY_LENGTH
 
     provider = provider_of(spec.provider)
     # with the base_url set, `open_model` does not require the key
@@ -313,7 +300,6 @@ def add_prompt_options(parser: argparse.ArgumentParser) -> None:
 
 def run_prompt(args: argparse.Namespace) -> int:
     """Write the prompt to a file. Raises UsageError if the file exists with other content."""
-    from dronecats.agent.models.rows import rows
     from dronecats.agent.prompt import Prompt, prompt_listing
 
     try:

@@ -8,19 +8,25 @@ that is not given has no value, so that a file or a recorded flight can set it.
 import argparse
 import json
 import re
+import threading
+import webbrowser
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from dronecats.agent.models.spec import PROVIDERS
+from dronecats.agent.models import rows
+from dronecats.agent.models.spec import PROVIDERS, ModelSpec, with_effort
 from dronecats.flight.spec.disturbances import DECLARED, Disturbance, DisturbanceOption
+from dronecats.view.live.opening import WantedPage
+from dronecats.view.scene import page_hosts
+from foundation import extras
 from foundation.errors import UsageError
+from foundation.signing import load_key
+from foundation.typed_file import fields_of, typed
 
 if TYPE_CHECKING:
-    from dronecats.agent.models.spec import ModelSpec
     from dronecats.flight.spec.flight_spec import Accounts
-    from dronecats.view.live.opening import WantedPage
 
 PAGE_PORT = 8090  # above the ports of simulated cameras, which begin at 8080
 FileType = Literal["a word", "a number", "a whole number", "true or false", "a word or a table"]
@@ -235,8 +241,6 @@ def with_folder(options: Iterable[Option], folder: str) -> list[Option]:
 
 def key_of(file: Path | None) -> bytes:
     """Return the key in the file of --sign; empty without a file. Raises UsageError."""
-    from foundation.signing import load_key
-
     return load_key(file) if file else b""
 
 
@@ -252,18 +256,13 @@ def level_list(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
+def model_of(word: str, args: argparse.Namespace) -> ModelSpec:
     """Return the model of a row of models.toml or of PROVIDER/NAME, with the options applied. Raises UsageError."""
-    from dronecats.agent.models.rows import model_of
-
-    return with_options(model_of(word), args)
+    return with_options(rows.model_of(word), args)
 
 
-def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
+def with_options(spec: ModelSpec, args: argparse.Namespace) -> ModelSpec:
     """Return a model with the options applied. Raises UsageError for a value that cannot be sent."""
-    from dronecats.agent.models.rows import NONE
-    from dronecats.agent.models.spec import with_effort
-
     changed: dict[str, Any] = {}
     if args.base_url:
         changed["base_url"] = args.base_url
@@ -272,7 +271,7 @@ def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
     if args.schema:
         changed["schema"] = None if args.schema == "none" else args.schema
     if args.temperature is not None:
-        changed["temperature"] = None if args.temperature == NONE else _number("temperature", args.temperature)
+        changed["temperature"] = None if args.temperature == rows.NONE else _number("temperature", args.temperature)
     if args.top_p is not None:
         changed["top_p"] = _number("top_p", args.top_p)
     if args.max_tokens is not None:
@@ -299,7 +298,7 @@ def accounts_of(args: argparse.Namespace, ledger: Path | None) -> "Accounts":
     )
 
 
-def describe_model(spec: "ModelSpec") -> str:
+def describe_model(spec: ModelSpec) -> str:
     """Return one line about a model: its points, schema, temperature and length of replies."""
     point = "[x, y]" if spec.axis_order == "xy" else "[y, x]"
     schema = f"a schema with an {spec.schema} at its root" if spec.schema else "no schema"
@@ -309,9 +308,6 @@ def describe_model(spec: "ModelSpec") -> str:
 
 def _number(name: str, text: str) -> float:
     """Return the number in an option's text. Raises UsageError if the field `name` of ModelSpec does not allow it."""
-    from dronecats.agent.models.spec import ModelSpec
-    from foundation.typed_file import fields_of, typed
-
     try:
         value = json.loads(text)
     except ValueError:
@@ -336,23 +332,17 @@ def page_of(args: argparse.Namespace, prefix: str = "") -> tuple[int, tuple[str,
 
     Raises UsageError for an invalid value, and if the package that serves pages is not installed.
     """
-    from dronecats.view.scene.page_hosts import check
-    from foundation import extras
-
     port, hosts = (getattr(args, f"{prefix}{name}".replace("-", "_")) for name in ("port", "host"))
     port, hosts = PAGE_PORT if port is None else port, tuple(hosts or ())
     if not 1 <= port <= 65535:
         raise UsageError(f"--{prefix}port {port} is not a port. Choose one from 1 to 65535")
-    check(hosts, f"--{prefix}host")
+    page_hosts.check(hosts, f"--{prefix}host")
     extras.require("viser")
     return port, hosts
 
 
 def serve(page: Any, line: str, *, browser: bool) -> int:
     """Print a line, open the page in a browser if `browser`, and serve it until Ctrl-C. Return 0."""
-    import threading
-    import webbrowser
-
     try:
         print(line, flush=True)
         if browser:
@@ -372,14 +362,12 @@ def add_view(group: "argparse._ActionsContainer") -> None:
     group.add_argument("--view-stay", action="store_true", help="with --view: keep the page afterwards, until Ctrl-C")
 
 
-def view_of(args: argparse.Namespace) -> "WantedPage | None":
+def view_of(args: argparse.Namespace) -> WantedPage | None:
     """Return the page of --view; None without --view. Raises UsageError for options that need --view."""
     if not args.view:
         present = {"view-port": args.view_port is not None, "view-host": args.view_host, "view-stay": args.view_stay}
         if stray := next((name for name, is_present in present.items() if is_present), None):
             raise UsageError(f"--{stray} goes with --view. Add it, or leave --{stray} out")
         return None
-    from dronecats.view.live.opening import WantedPage
-
     port, hosts = page_of(args, "view-")
     return WantedPage(port=port, hosts=hosts, stays=args.view_stay)

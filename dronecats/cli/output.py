@@ -16,24 +16,21 @@ import sys
 import textwrap
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
+from dronecats.report.table import ReportTable
+from dronecats.report.writers import as_terminal
 from foundation.wording import printable
-
-if TYPE_CHECKING:
-    from dronecats.report.table import ReportTable
 
 LOG_PERIOD_S = 10.0  # wall s between two progress lines in a log
 BAR = "{bar:10} {desc}"  # tqdm truncates it to the terminal's width
 
 
-def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
+def show(*tables: ReportTable, file: TextIO | None = None) -> None:
     """Print tables, separated by empty lines, wrapped at the terminal's width.
 
     In a file or pipe each row is one line, for tools such as grep.
     """
-    from dronecats.report.writers import as_terminal
-
     file = file or sys.stdout
     columns = max(40, shutil.get_terminal_size().columns) if file.isatty() else None
     print("\n\n".join(as_terminal(table, columns) for table in tables), file=file, flush=True)

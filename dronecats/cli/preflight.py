@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import SIGN, add, key_of
 from dronecats.cli.output import show
+from dronecats.report.table import ReportTable, numbers, table_of, words
 from foundation.errors import UsageError
+from hil.link import transport
+from hil.link.link import Link
+from hil.preflight.observation import Change, Row, summary
 
 if TYPE_CHECKING:
-    from dronecats.report.table import ReportTable
     from hil.preflight.check import Check
-    from hil.preflight.observation import Change, Row
 
 YES = "yes"
 MARKS = {True: "pass", False: "FAIL", None: "?"}
@@ -48,8 +50,6 @@ def add_preflight_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the checks. Return 1 if a check fails, else 0."""
-    from hil.link import transport
-    from hil.link.link import Link
     from hil.preflight.check import apply_changes, check
 
     if not 1.0 <= args.seconds <= 600.0:
@@ -89,16 +89,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(result: "Check") -> None:
-    from hil.preflight.observation import summary
-
     show(table(result.rows))
     print(f"\n{summary(result.rows)}", flush=True)
 
 
-def table(rows: "Sequence[Row]") -> "ReportTable":
+def table(rows: Sequence[Row]) -> ReportTable:
     """Return the checks as a table: mark, name, finding, and remedy."""
-    from dronecats.report.table import table_of, words
-
     lines = (
         (MARKS[row.passed], row.name, row.why + (f"\n→ {row.fix}" if row.fix and row.passed is not True else ""))
         for row in rows
@@ -106,10 +102,8 @@ def table(rows: "Sequence[Row]") -> "ReportTable":
     return table_of([words("")] * 3, lines)
 
 
-def proposal(changes: "Sequence[Change]") -> "ReportTable":
+def proposal(changes: Sequence[Change]) -> ReportTable:
     """Return the parameter changes as a table: name, old value, new value, and reason."""
-    from dronecats.report.table import numbers, table_of, words
-
     lines = ((c.name, f"{c.old:g}", f"→ {c.new:g}", c.reason) for c in changes)
     return table_of((words(""), numbers(""), words(""), words("")), lines)
 

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.output import print_note, show, write_data
+from dronecats.report.table import ReportTable, numbers, table_of, words
 from foundation.errors import UsageError
 from foundation.files import file_errors_as, whole_file
 from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.report.results.database import QueryResult
-    from dronecats.report.table import ReportTable
 
 FORMATS = {"mcap": "message", "rerun": "message", "lerobot": "frame", "ulog": "message", "kml": "place",
            "geojson": "place", "csv": "row", "parquet": "row"}  # format → unit of the printed counts  # fmt: skip
@@ -61,10 +61,9 @@ def _query(args: argparse.Namespace) -> int:
     return 0
 
 
-def _run_tables() -> "list[ReportTable]":
+def _run_tables() -> list[ReportTable]:
     """Return a description of each database table, with a row per column."""
     from dronecats.report.results.tables import TABLES
-    from dronecats.report.table import table_of, words
 
     columns = (words("column"), words("type"), words("what"))
     return [
@@ -135,10 +134,8 @@ def _plain(value: Any) -> Any:
     return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
-def _table(answer: "QueryResult") -> "ReportTable":
+def _table(answer: "QueryResult") -> ReportTable:
     """Return the answer as a table. Numbers are aligned to the right."""
-    from dronecats.report.table import numbers, table_of, words
-
     cells = [[_shown(value) for value in row] for row in answer.rows]
     numeric = [_is_numeric(row[k] for row in answer.rows) for k in range(len(answer.columns))]
     columns = [numbers(name) if right else words(name) for name, right in zip(answer.columns, numeric, strict=True)]

@@ -10,6 +10,8 @@ from typing import Any
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.options import add_page, page_of, serve
 from dronecats.cli.output import LOG_PERIOD_S, print_line, progress_bar
+from dronecats.view.replay.player import check_speed
+from dronecats.view.scene.page_hosts import reach
 from foundation.errors import UsageError
 
 SIZE, FPS = (1280, 720), 30
@@ -43,8 +45,6 @@ def _replay(args: argparse.Namespace) -> int:
         raise UsageError(f"--at must be seconds since the episode began, 0 or more, got {args.at:g}")
     from dronecats.view.replay.moments import flight_moments
     from dronecats.view.replay.page import ReplayPage
-    from dronecats.view.replay.player import check_speed
-    from dronecats.view.scene.page_hosts import reach
 
     check_speed(args.speed)
     print_line("reading the flights and building the map …")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
+from dronecats.report.writers import as_json
 from foundation.errors import UsageError
 from foundation.files import check_folder
 from foundation.protocol import RADIUS_M
@@ -42,7 +43,6 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.report.page.index import remove_page, write_page
     from dronecats.report.report_folder import opening, report_data, tables, write
     from dronecats.report.results.collection import collect, exclude, parse_exclusion, without_stalled
-    from dronecats.report.writers import as_json
 
     check_radius(args.delta)
     if args.embed and args.no_page:

@@ -10,9 +10,12 @@ from pathlib import Path
 
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
-from dronecats.cli.options import DISTURBANCES, SIGN, add, add_view, key_of, view_of
+from dronecats.cli.options import DISTURBANCES, SIGN, add, add_view, key_of, speed, view_of
 from dronecats.cli.output import print_line
+from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.spec.disturbances import UNDISTURBED
+from dronecats.view.live.config import WatchedWires
+from dronecats.view.live.opening import opened
 from foundation.errors import UsageError
 
 AIR = ("wind", "gusts")  # disturbances; in this verb they act from boot
@@ -62,7 +65,6 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until Ctrl-C."""
-    from dronecats.cli.options import speed
     from episodes.camera.optics.options import load
     from episodes.records import catalogue
 
@@ -114,15 +116,12 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.flight.sitl import compile_ahead
 
     print(f"loading core and camera{compile_ahead.compile_notice()} …", flush=True)
-    from dronecats.flight.processes.supervisor import Supervisor
     from dronecats.flight.sitl.board_simulator import BoardSimulator
     from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
     from dronecats.flight.sitl.px4 import Px4Simulator
     from dronecats.flight.sitl.simulator_process import Simulator
     from dronecats.flight.sitl.sockets import CAMERA_PORT
     from dronecats.flight.stages.stage import CAMERA
-    from dronecats.view.live.config import WatchedWires
-    from dronecats.view.live.opening import opened
 
     config = SimulatorConfig(
         episode=episode,

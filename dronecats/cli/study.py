@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dronecats.cli import bench_spec, campaign, study_spec
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import next_commands, print_next
 from dronecats.cli.options import (
@@ -25,10 +24,12 @@ from dronecats.cli.output import print_note, print_wrapped
 from dronecats.cli.study_load import add_load_options
 from dronecats.cli.study_loop import add_loop_options
 from dronecats.cli.study_rate import add_rate_options
+from foundation.extras import not_installed
 from foundation.files import check_folder
 
 if TYPE_CHECKING:
     from dronecats.bench.campaign import OpenRun
+    from dronecats.cli.study_spec import StudyRequest
 
 REPEATED = Path("again")  # folder for the run folders of repeated flights
 LATENCIES = "0,0.25,0.5,1,2,4"  # s, default of --values
@@ -93,19 +94,25 @@ def _add_flying_options(parser: argparse.ArgumentParser, folder: str) -> None:
 
 
 def _fly_latency(args: argparse.Namespace) -> int:
-    return _fly(study_spec.of_options(args, "latency", {"latency": level_list(args.values)}))
+    from dronecats.cli.study_spec import of_options
+
+    return _fly(of_options(args, "latency", {"latency": level_list(args.values)}))
 
 
 def _fly_jitter(args: argparse.Namespace) -> int:
+    from dronecats.cli.study_spec import of_options
+
     held = {"rate": args.rate, **({} if args.rho is None else {"jitter_rho": args.rho})}
-    return _fly(study_spec.of_options(args, "jitter", {"jitter_cv": level_list(args.cv)}, held))
+    return _fly(of_options(args, "jitter", {"jitter_cv": level_list(args.cv)}, held))
 
 
 def _fly_file(args: argparse.Namespace) -> int:
-    return _fly(study_spec.of_file(args))
+    from dronecats.cli.study_spec import of_file
+
+    return _fly(of_file(args))
 
 
-def _fly(request: study_spec.StudyRequest) -> int:
+def _fly(request: "StudyRequest") -> int:
     """Fly the missing flights of a study. Return 0 if all were flown, 3 after an error or if the budget is spent.
 
     A flight in which the drone did not move is not retried. In lockstep a retry with the same seed would be identical.
@@ -113,6 +120,7 @@ def _fly(request: study_spec.StudyRequest) -> int:
     """
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
+    from dronecats.cli import bench_spec, campaign
     from dronecats.study import folder
 
     args, out = request.args, request.out
@@ -155,7 +163,6 @@ def _report(args: argparse.Namespace) -> int:
     from dronecats.report.results.collection import parse_exclusion
     from dronecats.study.analysis.loading import load_results
     from dronecats.study.report.report_folder import as_json, write
-    from foundation.extras import not_installed
 
     out = args.out or args.study / "report"
     check_folder(out)

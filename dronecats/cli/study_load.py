@@ -5,6 +5,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.options import level_list
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
@@ -47,7 +48,6 @@ def add_load_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fly and compare the flights. Return 1 if the load changed a verdict in lockstep, else 0."""
     from dronecats.agent.latency import LatencyPolicy
-    from dronecats.cli.exit_status import interrupt_on_signals
     from dronecats.cli.study_spec import suite_of_options
     from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
     from dronecats.pilots import roster

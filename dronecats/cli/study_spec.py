@@ -5,24 +5,28 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from msgspec import Meta
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import Text
+from dronecats.bench.matrix import ChosenSuite, choose_suite
 from dronecats.cli import bench_spec
 from dronecats.cli.bench_spec import FILE_OPTIONS
 from dronecats.cli.options import DISTURBANCES, MODEL, first_set
+from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, from_folder
+from dronecats.study import design
+from dronecats.study.design import Axis, Design
+from dronecats.study.factors import ENTRANT_FACTORS, POLICY, factor_of
+from dronecats.study.plan import StudyPlan, check_flights, plan
+from episodes.records import catalogue
+from episodes.records.record import CELLS
 from foundation.errors import UsageError
+from foundation.protocol import CAP_S
+from foundation.run_folder.results import Level
 from foundation.typed_file import no_choice, toml_table, typed
 from foundation.wording import did_you_mean, nearest
-
-if TYPE_CHECKING:
-    from dronecats.bench.matrix import ChosenSuite
-    from dronecats.flight.spec.flight_spec import FlightSpec
-    from dronecats.study.design import Axis, Design
-    from dronecats.study.plan import StudyPlan
-    from foundation.run_folder.results import Level
 
 _Words = Annotated[tuple[str, ...], Meta(min_length=1)]
 _Count = Annotated[int, Meta(ge=0)]
@@ -49,8 +53,8 @@ class StudyRequest:
 
     args: argparse.Namespace  # options, completed by the values of the study file if there is one
     out: Path
-    suite: "ChosenSuite"
-    plan: "StudyPlan"
+    suite: ChosenSuite
+    plan: StudyPlan
 
 
 def of_options(
@@ -92,8 +96,6 @@ def _naming(file: Path | None) -> Iterator[None]:
 def _request(
     args: argparse.Namespace, study: Mapping[str, Any], folder: Path, file: Path | None = None
 ) -> StudyRequest:
-    from dronecats.study.plan import check_flights, plan
-
     args = bench_spec.filled(args, bench_spec.DEFAULTS)
     suite = suite_of_options(args)
     out = args.out or folder
@@ -101,20 +103,18 @@ def _request(
         varied, single = (_from_file(study.get(table, {}), file) for table in ("factors", "held"))
         axes = [_axis(name, value) for name, value in varied.items()]
         _check_once("[factors]", varied)
-        design = _design(axes, study)
+        chosen = _design(axes, study)
         held = _held("[held]", single.items())
     held |= _held("--hold", [_pair(text) for text in args.hold or ()])
     pilots = _pilots(args, out, {**{axis.name: axis.ends for axis in axes}, **{k: (v,) for k, v in held.items()}})
     with _naming(file):
-        resolved = plan(study["name"], pilots, suite, design, held=held, flights=args.flights)
+        resolved = plan(study["name"], pilots, suite, chosen, held=held, flights=args.flights)
         check_flights(resolved)
     return StudyRequest(args=args, out=out, suite=suite, plan=resolved)
 
 
 def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
     """Return a table of a study file. Resolves paths of recorded latencies against the file's folder."""
-    from dronecats.flight.spec.flight_spec import from_folder
-    from dronecats.study.factors import POLICY
 
     def placed(value: Any) -> Any:
         if isinstance(value, list):
@@ -124,12 +124,8 @@ def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
     return {name: placed(value) if name.replace("-", "_") == POLICY else value for name, value in factors.items()}
 
 
-def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
+def suite_of_options(args: argparse.Namespace) -> ChosenSuite:
     """Return the episodes that are named, or the episodes of a suite with the given cells and maps."""
-    from dronecats.bench.matrix import choose_suite
-    from episodes.records import catalogue
-    from episodes.records.record import CELLS
-
     if not (args.cells or args.maps):
         return bench_spec.suite(args)
     if args.episodes:
@@ -163,9 +159,7 @@ def _pair(word: str) -> tuple[str, str]:
     return name.strip(), level.strip()
 
 
-def _held(where: str, levels: Iterable[tuple[str, Any]]) -> "dict[str, Level]":
-    from dronecats.study.factors import factor_of
-
+def _held(where: str, levels: Iterable[tuple[str, Any]]) -> dict[str, Level]:
     pairs = list(levels)
     _check_once(where, [name for name, _ in pairs])
     return {factor_of(name).name: factor_of(name).level(value) for name, value in pairs}
@@ -173,18 +167,13 @@ def _held(where: str, levels: Iterable[tuple[str, Any]]) -> "dict[str, Level]":
 
 def _check_once(where: str, names: Iterable[str]) -> None:
     """Raise UsageError if a factor is named twice, for example as `link-loss` and as `link_loss`."""
-    from dronecats.study.factors import factor_of
-
     factors = [factor_of(name).name for name in names]
     if twice := next((name for name in factors if factors.count(name) > 1), None):
         raise UsageError(f"{where} sets {twice} twice. Leave one of them out")
 
 
-def _axis(name: str, value: Any) -> "Axis":
+def _axis(name: str, value: Any) -> Axis:
     """Return the axis of a factor from a list of levels, or from a table of low and high."""
-    from dronecats.study.design import Axis
-    from dronecats.study.factors import factor_of
-
     factor = factor_of(name)
     if isinstance(value, list) and value:
         levels = tuple(factor.level(level) for level in value)
@@ -202,10 +191,7 @@ def _axis(name: str, value: Any) -> "Axis":
     )
 
 
-def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
-    from dronecats.study import design
-    from dronecats.study.factors import ENTRANT_FACTORS
-
+def _design(axes: list[Axis], study: Mapping[str, Any]) -> Design:
     kind = study.get("design", "full")
     if kind not in design.KINDS:
         raise UsageError(f"'design' {no_choice(kind, design.KINDS)}")
@@ -224,16 +210,12 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
 
 
 def _pilots(
-    args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
-) -> "list[tuple[str, FlightSpec]]":
+    args: argparse.Namespace, out: Path, levels: Mapping[str, tuple[Level, ...]]
+) -> list[tuple[str, FlightSpec]]:
     """Return the name and the flight specification of each pilot. If the pilot is a factor: one entry without a name.
 
     `levels`: the levels of each varied or held factor, by the factor's name.
     """
-    from dronecats.agent.latency import LatencyPolicy
-    from dronecats.flight.spec.flight_spec import LATENCY
-    from foundation.protocol import CAP_S
-
     if option := first_set(args, (option for option in DISTURBANCES if option.name in levels)):
         raise UsageError(f"{option.flag} is also a factor, or held. Leave one of them out")
     factor = next((name for name in PILOT_FACTORS if name in levels), None)

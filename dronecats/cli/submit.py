@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import print_wrapped, show
+from dronecats.report.table import numbers, table_of, words
 from foundation.errors import UsageError
 from foundation.files import file_errors_as, whole_file, write_text
 from foundation.wording import counted
@@ -85,8 +86,6 @@ def _as_json(entry: "Verification") -> str:
 
 def _print(entry: "Verification") -> None:
     """Print the scores, the differences from the archive's claims, and what was checked and not checked."""
-    from dronecats.report.table import numbers, table_of, words
-
     kind = "a model" if entry.is_model else "a built-in pilot, not a model"
     print(
         f"{entry.name}: {entry.pilot}, {kind}; {counted(entry.flights, 'flight')} of each episode,"

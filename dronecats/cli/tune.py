@@ -4,13 +4,11 @@ import argparse
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
-
-if TYPE_CHECKING:
-    from dronecats.report.table import ReportTable
+from dronecats.report.table import ReportTable, numbers, table_of, words
 
 
 def add_tune_options(parser: argparse.ArgumentParser) -> None:
@@ -62,9 +60,7 @@ def _gains(gains: Any) -> dict[str, Any]:
     return {name: [float(f"{value:.4g}") for value in getattr(gains, name)] for name in names}
 
 
-def _tables(result: dict[str, Any]) -> "list[ReportTable]":
-    from dronecats.report.table import numbers, table_of, words
-
+def _tables(result: dict[str, Any]) -> list[ReportTable]:
     gains = [words("gain"), *(numbers(axis) for axis in ("roll, north", "pitch, east", "yaw, down"))]
     loops = [
         words("loop"), numbers("phase", unit="°", decimals=1), numbers("gain", unit="dB"),
