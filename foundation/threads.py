@@ -7,11 +7,11 @@ So threads compute in turns and wait in parallel.
 
 import sys
 import threading
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
-from functools import wraps
+from functools import lru_cache, wraps
 from typing import Generic, ParamSpec, TypeVar
 
 STEPS = 8  # a thread that takes more steps than this in one turn must queue again
@@ -91,19 +91,12 @@ def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Return a decorator that caches the `maxsize` last used values. Thread-safe: one value is computed at a time."""
 
     def keeping(make: Callable[P, T]) -> Callable[P, T]:
-        kept: OrderedDict[object, T] = OrderedDict()
-        turn = threading.RLock()
+        cached, turn = lru_cache(maxsize)(make), threading.RLock()
 
         @wraps(make)
         def get(*arguments: P.args, **named: P.kwargs) -> T:
-            key = (arguments, tuple(named.items()))
             with turn:
-                if key not in kept:
-                    kept[key] = make(*arguments, **named)
-                    if len(kept) > maxsize:
-                        kept.popitem(last=False)
-                kept.move_to_end(key)
-                return kept[key]
+                return cached(*arguments, **named)
 
         return get
 

@@ -147,7 +147,7 @@ def _package(distribution: str, module: str) -> Diagnosis:
     except metadata.PackageNotFoundError:
         version = ""
     if fault := _import_fault(module):
-        remedy = f"pip install --force-reinstall {distribution}" if version else BASE_COMMAND
+        remedy = _reinstall(distribution) if version else BASE_COMMAND
         return Diagnosis(distribution, MISSING, fault, remedy, PACKAGE)
     return Diagnosis(distribution, OK, version or "installed without metadata", kind=PACKAGE)
 
@@ -159,6 +159,10 @@ def _extra(extra: Extra) -> Diagnosis:
     if extra.name == SIM and (faults := [*filter(None, map(_import_fault, extra.modules))]):
         return Diagnosis(extra.name, MISSING, faults[0], REINSTALL, EXTRA)
     return Diagnosis(extra.name, OK, extra.enables, kind=EXTRA)
+
+
+def _reinstall(packages: str) -> str:
+    return f"pip install --force-reinstall {packages}"
 
 
 def _import_fault(module: str) -> str:
@@ -180,9 +184,7 @@ def _jpeg() -> Diagnosis:
     done, data = cv2.imencode(".jpg", picture)
     again = cv2.imdecode(data, cv2.IMREAD_COLOR) if done else None
     if again is None or again.shape != picture.shape:
-        return Diagnosis(
-            "JPEG", MISSING, "OpenCV cannot write and read JPEG", "pip install --force-reinstall opencv-python-headless"
-        )
+        return Diagnosis("JPEG", MISSING, "OpenCV cannot write and read JPEG", _reinstall("opencv-python-headless"))
     return Diagnosis("JPEG", OK, "OpenCV writes and reads it")
 
 
@@ -194,7 +196,7 @@ def _compiler() -> Diagnosis:
 
     started = time.perf_counter()
     if numba.njit(lambda x: 2.0 * x + 1.0)(3.0) != 7.0:
-        return Diagnosis("compiler", MISSING, "numba compiles wrongly", "pip install --force-reinstall numba llvmlite")
+        return Diagnosis("compiler", MISSING, "numba compiles wrongly", _reinstall("numba llvmlite"))
     detail = f"numba compiles ({time.perf_counter() - started:.1f} s for one function)"
     if compiled.CAN_CACHE:
         return Diagnosis("compiler", OK, f"{detail} and stores its results")
@@ -216,12 +218,7 @@ def _rays() -> Diagnosis:
     TriangleMesh(scene, np.array([[[-1, -1, 1], [1, -1, 1], [0, 1, 1]]], np.float32))
     hit = scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
     if list(hit) != [0]:
-        return Diagnosis(
-            "rays",
-            MISSING,
-            "Embree does not find a triangle in front of the ray",
-            "pip install --force-reinstall embreex",
-        )
+        return Diagnosis("rays", MISSING, "Embree does not find a triangle in front of the ray", _reinstall("embreex"))
     return Diagnosis("rays", OK, "Embree finds a triangle in front of the ray")
 
 
@@ -245,21 +242,18 @@ def _disk() -> Diagnosis:
     free = shutil.disk_usage(here).free / 1e9
     detail = f"{free:.1f} GB free for runs"
     if not os.access(here, os.W_OK):
-        return Diagnosis(
-            "disk", NOTE, "this folder cannot be written to", f"fly with --out below {tempfile.gettempdir()}"
-        )
+        remedy = f"fly with --out below {tempfile.gettempdir()}"
+        return Diagnosis("disk", NOTE, "this folder cannot be written to", remedy)
     if free < DISK_WANTED_GB:
-        return Diagnosis(
-            "disk", NOTE, detail, f"make room for {DISK_WANTED_GB:g} GB, or fly with --out on another disk"
-        )
+        remedy = f"make room for {DISK_WANTED_GB:g} GB, or fly with --out on another disk"
+        return Diagnosis("disk", NOTE, detail, remedy)
     return Diagnosis("disk", OK, detail)
 
 
 def _cores() -> Diagnosis:
-    count = cores()
-    if count < 2:
-        return Diagnosis("cores", NOTE, f"{count}", "real time needs two; lockstep flights only take longer")
-    return Diagnosis("cores", OK, f"{count}")
+    if cores() < 2:
+        return Diagnosis("cores", NOTE, f"{cores()}", "real time needs two; lockstep flights only take longer")
+    return Diagnosis("cores", OK, f"{cores()}")
 
 
 def _models() -> Diagnosis:

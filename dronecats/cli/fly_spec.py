@@ -56,21 +56,13 @@ def spec_of(args: argparse.Namespace) -> FlightSpec:
 
 
 def _simulated(args: argparse.Namespace) -> FlightSpec:
-    factor = speed(args.speed or "1")
-    vehicle = Simulated(
-        airframe=args.airframe or Simulated().airframe,
-        autopilot=args.autopilot or "ours",
-        px4=args.px4,
-        speed=factor,
-        camera="depth" if args.depth else None,
-        optics=load_optics(args.optics).as_dict() if args.optics else None,
-    )
+    vehicle = Simulated(**_of_vehicle(args))
     return FlightSpec(
         **_of_episode(args.episode or catalogue.DEFAULT),
         **_of_pilot(args),
         simulated=vehicle,
         drones=args.drones,
-        latency=latency_policy(args.latency or (LATENCY if factor is None else "real")),
+        latency=latency_policy(args.latency or (LATENCY if vehicle.speed is None else "real")),
         parser=args.parser or "strict",
         stop_unreadable=args.stop_unreadable,
         disturbances=UNDISTURBED.with_options(vars(args)),
@@ -92,17 +84,8 @@ def _replayed(args: argparse.Namespace) -> FlightSpec:
     vehicle = spec.simulated or Simulated()
     if args.autopilot == "ours":  # the recorded settings of PX4 no longer apply
         vehicle, spec = replace(vehicle, autopilot="ours", px4=None), replace(spec, keep_ulog=False)
-    for name in ("airframe", "autopilot", "px4"):
-        if (value := getattr(args, name)) is not None:
-            vehicle = replace(vehicle, **{name: value})
-    if args.speed:
-        vehicle = replace(vehicle, speed=speed(args.speed))
-    if args.depth:
-        vehicle = replace(vehicle, camera="depth")
-    if args.optics:
-        vehicle = replace(vehicle, optics=load_optics(args.optics).as_dict())
     changes: dict[str, Any] = {
-        "simulated": vehicle,
+        "simulated": replace(vehicle, **_of_vehicle(args)),
         "accounts": accounts_of(args, args.ledger),  # not the recorded accounts, since a replay asks no model
         "full": args.full or spec.full,
     }
@@ -118,6 +101,19 @@ def _replayed(args: argparse.Namespace) -> FlightSpec:
     if args.no_envelope or args.envelope:
         changes |= {"envelope": _envelope(args)}
     return replace(spec, **changes)
+
+
+def _of_vehicle(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the fields of `Simulated` that the options set."""
+    names = ("airframe", "autopilot", "px4")
+    fields: dict[str, Any] = {name: value for name in names if (value := getattr(args, name)) is not None}
+    if args.speed:
+        fields["speed"] = speed(args.speed)
+    if args.depth:
+        fields["camera"] = "depth"
+    if args.optics:
+        fields["optics"] = load_optics(args.optics).as_dict()
+    return fields
 
 
 def replay_line(args: argparse.Namespace, flight: str) -> str:

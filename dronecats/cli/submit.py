@@ -36,7 +36,6 @@ def add_submit_options(parser: argparse.ArgumentParser) -> None:
 def _submit(args: argparse.Namespace) -> int:
     """Write the archive, verify it, and print the result."""
     from dronecats.report.leaderboard.submission import secrets_of, submit
-    from dronecats.report.leaderboard.verification import verify
     from dronecats.report.recorded.run import recorded_runs
 
     if not args.out.name.endswith(".tar.xz"):
@@ -116,19 +115,13 @@ def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _leaderboard(args: argparse.Namespace) -> int:
-    from dronecats.report.leaderboard.leaderboard import page
+    from dronecats.report.leaderboard.leaderboard import entry, page
+    from dronecats.report.leaderboard.verification import verify
 
-    text = page(map(_entry, args.files))
+    text = page(entry(file) if file.suffix == ".json" else verify(file) for file in args.files)
     if args.out is None:
         print(text, end="")
         return 0
     with file_errors_as(UsageError, f"{args.out} cannot be written"):
         write_text(args.out, text)
     return 0
-
-
-def _entry(file: Path) -> "Verification":
-    from dronecats.report.leaderboard.leaderboard import entry
-    from dronecats.report.leaderboard.verification import verify
-
-    return entry(file) if file.suffix == ".json" else verify(file)

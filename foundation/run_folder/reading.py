@@ -125,16 +125,7 @@ def exchanges(folder: Path) -> tuple[Exchange, ...]:
 
 def rows(path: Path, row: type[Row]) -> Iterator[Row]:
     """Yield the rows of a file with one kind of row. Raises UsageError naming the file and the line."""
-    at_once = fast_reader(row)
-    for number, text in _lines(path):
-        if (made := at_once(text)) is not None:
-            yield made
-            continue
-        line = LogLine(path, number, text)
-        value = line.value()
-        if value is None:
-            return
-        yield line.row(value, row)
+    return _read(path, fast_reader(row), lambda line, value: line.row(value, row))
 
 
 def episode_folder(path: Path) -> Path:
@@ -202,22 +193,31 @@ def json_object(path: Path) -> dict[str, Any] | None:
 
 def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = None) -> Iterator[Any]:
     """Yield the rows of these kinds. Other kinds are skipped. A row of the kind `never` raises UsageError."""
-    at_once = fast_reader_of_kinds(kinds)
-    for number, text in _lines(path):
-        if (made := at_once(text)) is not None:
-            yield made
-            continue
-        line = LogLine(path, number, text)
-        value = line.value()
-        if value is None:
-            return
+
+    def strictly(line: LogLine, value: dict[str, Any]) -> Any:
         kind = value.get("kind")
         if not isinstance(kind, str):
             raise line.damaged("it has no kind")
         if kind == never:
             raise line.damaged(f"a row of the kind {never} does not belong into this file")
-        if kind in kinds:
-            yield line.row(value, kinds[kind])
+        return line.row(value, kinds[kind]) if kind in kinds else None
+
+    return _read(path, fast_reader_of_kinds(kinds), strictly)
+
+
+def _read(
+    path: Path, at_once: "FastReader[Row]", strictly: Callable[["LogLine", dict[str, Any]], Row | None]
+) -> Iterator[Row]:
+    """Yield the rows of a file. `strictly` reads the lines that the fast reader leaves; None: the line is skipped."""
+    for number, text in _lines(path):
+        made = at_once(text)
+        if made is None:
+            line = LogLine(path, number, text)
+            if (value := line.value()) is None:
+                return
+            made = strictly(line, value)
+        if made is not None:
+            yield made
 
 
 Framed = TypeVar("Framed", FrameTruth, EstimatedFrame)

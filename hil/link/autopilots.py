@@ -59,23 +59,13 @@ def setpoint_message(
     setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
 ) -> dialect.MAVLink_message:
     """Return SET_POSITION_TARGET_LOCAL_NED with a frame and mask that a real PX4 accepts."""
-    stamp = time_boot_ms % (1 << 32)
     match setpoint:
         case VelocitySetpoint(velocity_body, yaw_rate):
-            return dialect.MAVLink_set_position_target_local_ned_message(
-                stamp,
-                system,
-                component,
-                dialect.MAV_FRAME_BODY_NED,
-                VELOCITY_YAW_RATE,
-                0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate,
-            )  # fmt: skip
+            frame, mask = dialect.MAV_FRAME_BODY_NED, VELOCITY_YAW_RATE
+            values = (0, 0, 0, *velocity_body, 0, 0, 0, 0, yaw_rate)
         case PositionSetpoint(position_ned, yaw):
-            return dialect.MAVLink_set_position_target_local_ned_message(
-                stamp,
-                system,
-                component,
-                dialect.MAV_FRAME_LOCAL_NED,
-                POSITION_YAW,
-                *position_ned, 0, 0, 0, 0, 0, 0, yaw, 0,
-            )  # fmt: skip
+            frame, mask = dialect.MAV_FRAME_LOCAL_NED, POSITION_YAW
+            values = (*position_ned, 0, 0, 0, 0, 0, 0, yaw, 0)
+    return dialect.MAVLink_set_position_target_local_ned_message(
+        time_boot_ms % (1 << 32), system, component, frame, mask, *values
+    )
