@@ -90,6 +90,7 @@ class Link(Conversation):
         self._tried_to_arm = False
         self._flew_armed = False  # whether the vehicle has been armed in the present Offboard
         self._disarmed_us: int | None = None  # µs, first heartbeat that reports the vehicle as disarmed
+        self._armed_us = 0  # µs, last heartbeat that reports the vehicle as armed
 
     # -- modes ---------------------------------------------------------------------------------------------------
 
@@ -196,6 +197,7 @@ class Link(Conversation):
     def _reports_disarmed(self) -> bool:
         """Return whether the last heartbeat reports our vehicle in Offboard as disarmed."""
         self._flew_armed = self._offboard and (self._flew_armed or self.state.armed)
+        self._armed_us = self.state.heartbeat_us if self.state.armed else self._armed_us
         if not self._flew_armed or self.state.armed:
             self._disarmed_us = None
         elif self._disarmed_us is None:
@@ -233,6 +235,9 @@ class Link(Conversation):
         critical = self.state.system_status >= dialect.MAV_STATE_CRITICAL
         failsafe = critical or self._overridden or "failsafe" in texts.lower()
         cause = "by its own failsafe" if failsafe else "by a person or program, which controls it now"
+        # a PX4 in software has the simulator's clock, so a restart does not set the clock back
+        if self._taken_by == "disarmed" and self._gap_us > self._armed_us and not failsafe:
+            cause = "by a restart of its autopilot, a person or a program: its telemetry was interrupted"
         return TakeoverError(f"the vehicle was {change} {cause}{words}")
 
     def _watch(self, limits: Limits) -> None:

@@ -178,6 +178,14 @@ def test_a_vehicle_disarmed_in_flight_is_not_flown_after_it_is_armed_again(vehic
     assert not link.may_fly()
 
 
+def test_an_autopilot_that_restarts_in_flight_is_not_reported_as_disarmed_by_a_person_only(vehicle):
+    link = flying(vehicle)
+    vehicle.time_ms += 2000  # a PX4 in software has the simulator's clock, so the restart does not set it back
+    vehicle.armed, vehicle.landed, vehicle.mode, vehicle.system_status = False, True, "MANUAL", 3
+    with pytest.raises(TakeoverError, match="restart"):
+        link.wait(5.0)
+
+
 def test_a_failsafe_hold_or_a_brief_hold_is_not_a_hand_over(vehicle):
     vehicle.mode, vehicle.system_status = "POSCTL", 4
     link = Link(vehicle.transport())
