@@ -199,6 +199,11 @@ class OneWay:
         self._zero_s, self._over_s = 0.0, math.inf
         self._coming: tuple[Impairment, float] | None = None  # faults, seconds; set by another thread
 
+    @property
+    def counts(self) -> Counts:
+        """Counts of units since the last change of the faults."""
+        return self.channel.counts
+
     def impair(self, impairment: Impairment, seconds: float) -> None:
         """Apply these faults for `seconds` from the next `carry` on, and no faults afterwards.
 
@@ -239,25 +244,15 @@ class ImpairedWire:
     ) -> None:
         self._agent, self._autopilot = agent, autopilot
         self._clock, self._zero_s = clock, clock()
-        self._up, self._down = OneWay(up, seed, "up"), OneWay(down, seed, "down")
+        self.up, self.down = OneWay(up, seed, "up"), OneWay(down, seed, "down")  # to and from the autopilot
         self.fault: LinkError | None = None  # the error that ended the wire; None: it works
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._carry, name="impaired-wire", daemon=True)
 
-    @property
-    def up(self) -> Channel:
-        """The direction to the autopilot."""
-        return self._up.channel
-
-    @property
-    def down(self) -> Channel:
-        """The direction from the autopilot."""
-        return self._down.channel
-
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
         """Apply these faults for `seconds` (of `clock`) from now on, and no faults afterwards."""
-        self._up.impair(up, seconds)
-        self._down.impair(down, seconds)
+        self.up.impair(up, seconds)
+        self.down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
         """Start the thread; set `time_s`, to which cuts refer, to 0; return self."""
@@ -272,7 +267,7 @@ class ImpairedWire:
 
     def pull(self, from_s: float, seconds: float) -> None:
         """Unplug the cable (both directions) at `from_s`, on the clock of `time_s`, for `seconds`."""
-        for channel in (self.up, self.down):
+        for channel in (self.up.channel, self.down.channel):
             wire = channel.impairment
             channel.impairment = replace(wire, cuts=(*wire.cuts, (from_s, from_s + seconds)))
 
@@ -296,7 +291,7 @@ class ImpairedWire:
         self.close()
 
     def _carry(self) -> None:
-        ways = ((self._agent, self._autopilot, self._up), (self._autopilot, self._agent, self._down))
+        ways = ((self._agent, self._autopilot, self.up), (self._autopilot, self._agent, self.down))
         try:
             while not self._ending.is_set():
                 for source, sink, way in ways:
@@ -338,7 +333,7 @@ class SteppedWire(MemoryTransport):
     @property
     def counts(self) -> tuple[Counts, Counts]:
         """Counts of units to the vehicle and from the vehicle, since the last change of the faults."""
-        return self._up.channel.counts, self._down.channel.counts
+        return self._up.counts, self._down.counts
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
         """Apply these faults for `seconds` from now on: `up` to the vehicle, `down` from it."""

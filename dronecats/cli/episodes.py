@@ -60,9 +60,8 @@ def add_episodes_options(parser: argparse.ArgumentParser) -> None:
 
 def _list(args: argparse.Namespace) -> int:
     from episodes.records import catalogue
-    from episodes.records.catalogue import load_par
 
-    pars = load_par()  # par: number of steps of the oracle pilot
+    pars = catalogue.load_par()  # par: number of steps of the oracle pilot
     records = [catalogue.load(episode) for episode in catalogue.suite_ids(args.suite)]
     if args.json:
         summaries = (_summary(r, catalogue.suites_of(r.id), pars.get(r.id)) for r in records)
@@ -88,11 +87,12 @@ def _summary(record: "EpisodeRecord", suites: Sequence[str], par: int | None) ->
 def _show(args: argparse.Namespace) -> int:
     """Print the episode and, with --picture, write its first frame."""
     from episodes.records import catalogue
-    from episodes.records.catalogue import load_par
 
     record = catalogue.load(args.episode)
     member, par = (
-        (catalogue.suites_of(record.id), load_par().get(record.id)) if catalogue.is_shipped(record) else ((), None)
+        (catalogue.suites_of(record.id), catalogue.load_par().get(record.id))
+        if catalogue.is_shipped(record)
+        else ((), None)
     )
     if args.picture is not None:
         from episodes.authoring.scene_pictures import write_first_frame

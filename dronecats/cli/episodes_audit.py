@@ -138,15 +138,14 @@ def _reason(result: Result) -> str:
 def _keep(steps: dict[str, int]) -> None:
     """Store the oracle's steps as the par (reference step count) of shipped episodes. Other episodes keep their par."""
     from episodes.records import catalogue
-    from episodes.records.catalogue import PAR, load_par
 
-    table = {**load_par(), **steps}
-    write_json(PAR, {episode: table[episode] for episode in catalogue.all_ids() if episode in table})
+    table = {**catalogue.load_par(), **steps}
+    write_json(catalogue.PAR, {episode: table[episode] for episode in catalogue.all_ids() if episode in table})
 
 
 def _keep_blind(pilot: str, flights: "dict[str, BlindFlight]") -> None:
     """Store a blind pilot's results in shipped episodes in blind.json."""
     from episodes.records import catalogue
-    from episodes.records.catalogue import BLIND, load_blind, merged
 
-    write_json(BLIND, merged(load_blind(), pilot, flights, catalogue.all_ids()))
+    blind = catalogue.merged(catalogue.load_blind(), pilot, flights, catalogue.all_ids())
+    write_json(catalogue.BLIND, blind)

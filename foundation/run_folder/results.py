@@ -159,10 +159,9 @@ class Verdict:
     cap_s: Annotated[float | UnsetType, doc("s, later declarations do not count; only if not 300")] = UNSET
     host_stalls: Annotated[Whole, doc("steps that the host delayed; only if any")] | UnsetType = UNSET
     contacts: Annotated[Contacts | UnsetType, doc("only if the log has hits; never part of the outcome")] = UNSET
-    estimator_resets: (
-        Annotated[Whole, doc("of all drones; only if the autopilot reports them; never part of the outcome")]
-        | UnsetType
-    ) = UNSET
+    estimator_resets: Annotated[
+        Whole | UnsetType, doc("of all drones; only if the autopilot reports them; never part of the outcome")
+    ] = UNSET
 
     def as_json(self) -> dict[str, Any]:
         """Return the object in verdict.json."""

@@ -35,6 +35,9 @@ ActionObject = Annotated[
 Cap = Annotated[float, Meta(gt=0.0, lt=LARGE, extra={"wrong": "is not a time"})]
 TraceSource = Annotated[Literal["estimate"], Meta(extra={"wrong": "is not known"})]
 ResetQuantity = Literal["yaw", "position", "velocity", "height"]
+ServedName = Annotated[
+    str | UnsetType, doc("model name in the reply; missing: as in the previous line, in the first line as requested")
+]
 Surveyed = Annotated[dict[str, Number | None], Meta(extra={"wrong": "is not a surveyed place"})]
 
 
@@ -97,34 +100,29 @@ class Decision:
     rate_hz: Annotated[Number | None, doc("Hz, 1 / vehicle time since the previous decision; null: first decision")] = (
         None
     )
-    finish: (
-        Annotated[str, doc("why the reply ends: length, filtered, refusal, …; missing: it is complete")] | UnsetType
-    ) = UNSET
-    report: (
-        Annotated[bool, doc("with a commander: this reports arrival to it, and is not a declaration")] | UnsetType
-    ) = UNSET
-    confirmed_by: (
-        Annotated[Whole, doc("number of the commander's exchange that confirms the report, on the frame it saw")]
-        | UnsetType
-    ) = UNSET
-    served: (
-        Annotated[str, doc("model name in the reply; missing: as in the previous line, in the first line as requested")]
-        | UnsetType
-    ) = UNSET
+    finish: Annotated[
+        str | UnsetType, doc("why the reply ends: length, filtered, refusal, …; missing: it is complete")
+    ] = UNSET
+    report: Annotated[
+        bool | UnsetType, doc("with a commander: this reports arrival to it, and is not a declaration")
+    ] = UNSET
+    confirmed_by: Annotated[
+        Whole | UnsetType, doc("number of the commander's exchange that confirms the report, on the frame it saw")
+    ] = UNSET
+    served: ServedName = UNSET
     tokens_cached: Annotated[Whole, doc("part of tokens_in that was cached; missing: not reported")] | UnsetType = UNSET
-    tokens_reasoning: Annotated[Whole, doc("part of tokens_out for reasoning; missing: not reported")] | UnsetType = (
+    tokens_reasoning: Annotated[Whole | UnsetType, doc("part of tokens_out for reasoning; missing: not reported")] = (
         UNSET
     )
-    endpoint: (
-        Annotated[str, doc("provider that a router such as OpenRouter chose; missing: not reported")] | UnsetType
-    ) = UNSET
-    host_lag_s: (
-        Annotated[Number, doc("s that the vehicle's clock fell behind wall time × speed since the last decision")]
-        | UnsetType
-    ) = UNSET  # missing in lockstep, where no clock lags
-    frame_wait_s: (
-        Annotated[Number, doc("s, wall time × speed of the wait for the picture; in a fleet, per drone")] | UnsetType
-    ) = UNSET
+    endpoint: Annotated[
+        str | UnsetType, doc("provider that a router such as OpenRouter chose; missing: not reported")
+    ] = UNSET
+    host_lag_s: Annotated[
+        Number | UnsetType, doc("s that the vehicle's clock fell behind wall time × speed since the last decision")
+    ] = UNSET  # missing in lockstep, where no clock lags
+    frame_wait_s: Annotated[
+        Number | UnsetType, doc("s, wall time × speed of the wait for the picture; in a fleet, per drone")
+    ] = UNSET
 
     @property
     def kind(self) -> str | None:
@@ -181,10 +179,7 @@ class Exchange:
     tokens_in: int | None = None
     tokens_out: int | None = None
     model: Annotated[str, doc("its name")]
-    served: (
-        Annotated[str, doc("model name in the reply; missing: as in the previous line, in the first line as requested")]
-        | UnsetType
-    ) = UNSET
+    served: ServedName = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,10 +237,9 @@ class Begin:
         TraceSource | UnsetType | None, doc("estimate: the following rows are an autopilot's estimate")
     ] = UNSET
     contacts: Annotated[bool, doc("whether the log has hits; missing: no")] | UnsetType = UNSET
-    resets: (
-        Annotated[bool, doc("whether the log has estimator resets; missing: the autopilot does not report them")]
-        | UnsetType
-    ) = UNSET
+    resets: Annotated[
+        bool | UnsetType, doc("whether the log has estimator resets; missing: the autopilot does not report them")
+    ] = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
