@@ -315,6 +315,12 @@ def _number(name: str, text: str) -> float:
     return float(typed(value, fields_of(ModelSpec)[name], f"--{name.replace('_', '-')}"))
 
 
+def add_exclusions(parser: argparse.ArgumentParser, what: str) -> None:
+    """Declare --exclude-above; `what` names what it leaves out."""
+    text = f"leave out {what} whose metric is above N"
+    parser.add_argument("--exclude-above", action="append", default=[], metavar="METRIC=N", help=text)
+
+
 def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:
     """Declare the options of a browser page. `prefix` begins their names, for example `view-` in --view-port."""
     text = f"with --{prefix.rstrip('-')}: port of the page" if prefix else "port of the page on this machine"

@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 from dronecats.cli.next_commands import print_next
+from dronecats.cli.options import add_exclusions
 from dronecats.cli.output import show
 from dronecats.report.writers import as_json
 from foundation.errors import UsageError
@@ -19,13 +20,7 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
     parser.add_argument("--pool-anyway", action="store_true", help="count runs with different settings together")
     parser.add_argument("--drop-stalled", action="store_true", help="leave out episodes that the host delayed")
-    parser.add_argument(
-        "--exclude-above",
-        action="append",
-        default=[],
-        metavar="METRIC=N",
-        help="leave out episodes whose metric is above N",
-    )
+    add_exclusions(parser, "episodes")
     parser.add_argument(
         "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="add a file of your own metrics"
     )

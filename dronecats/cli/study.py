@@ -16,6 +16,7 @@ from dronecats.cli.options import (
     Option,
     add,
     add_disturbances,
+    add_exclusions,
     add_view,
     level_list,
     with_folder,
@@ -64,13 +65,7 @@ def add_study_options(parser: argparse.ArgumentParser) -> None:
     report = actions.add_parser("report", help="write the report of a study: page, figures, tables and data")
     report.add_argument("study", type=Path, metavar="DIR", help="folder of a study")
     report.add_argument("--out", type=Path, metavar="DIR", help="folder of the report (default DIR/report)")
-    report.add_argument(
-        "--exclude-above",
-        action="append",
-        default=[],
-        metavar="METRIC=N",
-        help="leave out flights whose metric is above N",
-    )
+    add_exclusions(report, "flights")
     report.add_argument("--json", action="store_true", help="print the tables as one JSON object")
     report.set_defaults(run=_report)
     add_loop_options(

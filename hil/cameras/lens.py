@@ -107,14 +107,13 @@ HFOV_MIN_DEG, HFOV_MAX_DEG = 5.0, 150.0  # °, accepted fields of view of a corr
 class Lens:
     """Corrects pictures as if a pinhole camera with square pixels and a central principal point took them.
 
-    Without a calibration pictures stay unchanged, and their field of view is assumed.
+    Without a calibration pictures stay unchanged, and their field of view is assumed to be HFOV_DEG.
     """
 
-    def __init__(self, calibration: Calibration | None = None, hfov_deg: float = HFOV_DEG) -> None:
+    def __init__(self, calibration: Calibration | None = None) -> None:
         """Raises UsageError for a lens that cannot be corrected."""
         self.calibration = calibration
         self.model: CameraModel | None = None  # None until the first picture if there is no calibration
-        self._hfov_deg = hfov_deg
         self._maps: tuple[Any, Any] | None = None
         if calibration:
             self._maps, focal_px = straightening(calibration)
@@ -129,7 +128,7 @@ class Lens:
         height, width = picture.shape[:2]
         if self._maps is None or self.calibration is None:
             if self.model is None or (self.model.width, self.model.height) != (width, height):
-                self.model = CameraModel(width, height, self._hfov_deg)
+                self.model = CameraModel(width, height, HFOV_DEG)
             return picture
         if (width, height) != (self.calibration.width, self.calibration.height):
             raise UsageError(

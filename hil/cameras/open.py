@@ -7,7 +7,7 @@ from foundation.camera import CameraModel, Frame
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import Address, parse, shown
 from hil.cameras.http import Caller, HttpCamera, MjpegSource, is_multipart
-from hil.cameras.lens import HFOV_DEG, Calibration, Lens
+from hil.cameras.lens import Calibration, Lens
 from hil.cameras.stream import (
     MAX_AGE_S,
     PATIENCE_S,
@@ -26,22 +26,17 @@ ANSWER_S = 10.0  # s in which a camera must answer the first request
 
 
 def open_camera(
-    url: str,
-    now_us: Callable[[], int],
-    calibration: Calibration | None = None,
-    *,
-    hfov_deg: float = HFOV_DEG,
-    max_age_s: float = MAX_AGE_S,
+    url: str, now_us: Callable[[], int], calibration: Calibration | None = None, *, max_age_s: float = MAX_AGE_S
 ) -> RealCamera:
     """Return the open camera at an address; its frames are stamped on the clock of `now_us`.
 
     With a calibration, the frames are corrected, and the camera's `model` follows from the calibration. Without one,
-    `hfov_deg` is assumed. The camera raises CameraError instead of a frame older than `max_age_s`. Raises UsageError
+    HFOV_DEG is assumed. The camera raises CameraError instead of a frame older than `max_age_s`. Raises UsageError
     for an invalid address and a lens that cannot be corrected, CameraError if the camera cannot be opened. No error
     message contains the password of an address.
     """
     address = parse(url)
-    lens = Lens(calibration, hfov_deg)
+    lens = Lens(calibration)
     try:
         source = _source(address, lens)
         if source is None:

@@ -104,12 +104,12 @@ def test_a_fisheye_image_is_undistorted_to_a_pinhole_image():
     assert heights[0] == pytest.approx(0.45 * model.focal_px + 239.5, abs=0.5)
 
 
-def test_without_a_calibration_the_image_and_the_configured_field_of_view_are_unchanged():
-    lens, picture = Lens(hfov_deg=70.0), np.random.default_rng(1).integers(0, 255, (90, 160, 3)).astype(np.uint8)
+def test_without_a_calibration_the_image_is_unchanged_and_its_field_of_view_is_assumed():
+    lens, picture = Lens(), np.random.default_rng(1).integers(0, 255, (90, 160, 3)).astype(np.uint8)
     assert lens.model is None
     assert lens.straightened(picture) is picture
     model = model_of(lens)
-    assert (model.width, model.height, model.hfov_deg) == (160, 90, 70.0)
+    assert (model.width, model.height, model.hfov_deg) == (160, 90, 90.0)
 
 
 def test_an_image_of_another_size_than_the_calibration_is_rejected():
