@@ -96,7 +96,7 @@ def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
         @wraps(make)
         def get(*arguments: P.args, **named: P.kwargs) -> T:
             with turn:
-                return cached(*arguments, **named)
+                return cached(*arguments, **named)  # type: ignore[arg-type]  # the arguments must be hashable
 
         return get
 

@@ -10,7 +10,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, is_dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -222,9 +222,13 @@ class FieldRule:
         return f"{self.words} ({short_repr(value)})"
 
 
-@cache
 def fields_of(kind: Any) -> dict[str, Any]:
     """Return the annotations of a dataclass's fields by their names."""
+    return _type_hints(kind)
+
+
+@cache
+def _type_hints(kind: Hashable) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True)
 
 

@@ -3,19 +3,17 @@
 import argparse
 import json
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import (
-    AGENT,
-    COMMAND,
-    LATENCY,
+    DROP_STALLED,
+    MATRIX,
+    NO_RETRY,
     PILOTS,
     PLACE,
     SELECTION,
-    Option,
     add,
     add_disturbances,
     add_view,
@@ -25,16 +23,6 @@ from dronecats.cli.output import print_note
 from foundation.errors import UsageError
 
 EXPORT = "export-parquet"  # as the first argument: export runs as Parquet instead of flying
-NO_RETRY = Option(name="no_retry", kind=bool, help="do not retry flights that did not move: docs/bench.md")
-MATRIX = (
-    replace(AGENT, many=True),
-    replace(COMMAND, many=True, choices=(), metavar="HOW", help="for fleets: flat (default), hierarchical, solo"),
-    replace(LATENCY, many=True),
-    Option(
-        name="rate", many=True, file="a number", metavar="HZ", help="control rate: a reply takes 1/HZ seconds"
-    ),
-)  # fmt: skip
-DROP_STALLED = Option(name="drop_stalled", kind=bool, help="leave flights unscored that the host delayed")
 
 
 def add_bench_options(parser: argparse.ArgumentParser) -> None:

@@ -9,11 +9,13 @@ from typing import Any
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.names import PAPER
 from dronecats.bench.matrix import BenchEntry, ChosenSuite, choose_suite, entries
-from dronecats.cli.bench import DROP_STALLED, MATRIX, NO_RETRY
 from dronecats.cli.fly_spec import commanded_by, template_of
 from dronecats.cli.options import (
     DISTURBANCES,
+    DROP_STALLED,
+    MATRIX,
     MODEL,
+    NO_RETRY,
     PILOTS,
     PLACE,
     SELECTION,

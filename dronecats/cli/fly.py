@@ -9,18 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.models.spec import PROVIDERS
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import (
-    ACCOUNTS,
-    AGENT,
     COMMAND,
-    DISTURBANCES,
     LATENCY,
-    MODEL,
-    REPLIES,
-    SIGN,
+    PILOT,
+    RUN,
+    VEHICLE,
     Option,
     add,
     add_disturbances,
@@ -38,115 +34,6 @@ from foundation.wording import counted
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
 
-VEHICLE = (
-    Option(name="sitl", kind=bool, help="simulate the vehicle, its autopilot and its camera"),
-    Option(name="connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"),
-    SIGN,
-    Option(
-        name="camera", metavar="URL", vehicle="--connect", beside_spec=True,
-        help="http://, rtsp://, v4l2:0, a video file or a folder",
-    ),
-    Option(
-        name="calibration", kind=Path, metavar="FILE", vehicle="--connect", help="lens of the camera: docs/cameras.md"
-    ),
-    Option(
-        name="world", metavar="EPISODE", vehicle="--connect",
-        help="draw this episode or map for a vehicle in a simulator of its own, such as PX4 SITL",
-    ),
-    Option(
-        name="truth", metavar="URL", vehicle="--connect",
-        help="with --world: source of the true poses; for PX4 SITL udpin://127.0.0.1:19410",
-    ),
-    Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after you confirm"),
-    Option(name="dry_run", kind=bool, vehicle="--connect", help="ask the pilot and draw its actions, but move nothing"),
-    Option(name="then", choices=("land", "return", "hold"), vehicle="--connect", help="how the flight ends"),
-    Option(
-        name="envelope", kind=Path, metavar="FILE", replay="may change",
-        help="limits of the safety envelope: docs/envelope.md",
-    ),
-    Option(name="no_envelope", kind=bool, vehicle="--sitl", replay="may change", help="no limits at all"),
-    Option(name="instruction", metavar="TEXT", vehicle="--connect", help="the task of the pilot"),
-    Option(
-        name="target", metavar="LAT,LON[,ALT]", vehicle="--connect", beside_spec=True,
-        help="surveyed position of the target: docs/after-flight.md",
-    ),
-    Option(
-        name="target_std", kind=float, metavar="M", vehicle="--connect", beside_spec=True,
-        help="with --target: standard deviation per axis (default 3)",
-    ),
-    Option(name="airframe", metavar="NAME", vehicle="--sitl", replay="may change", help="name or file (default x500)"),
-    Option(
-        name="optics", kind=Path, metavar="FILE", vehicle="--sitl", replay="may change", help="lens, noise, weather"
-    ),
-    Option(
-        name="depth", kind=bool, vehicle="--sitl", replay="may change",
-        help="also give a depth image, to an agent of your own: docs/cameras.md",
-    ),
-    Option(
-        name="autopilot", choices=("ours", "px4"), vehicle="--sitl", replay="may change",
-        help="autopilot of the simulated vehicle (default ours)",
-    ),
-    Option(
-        name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",
-        help="with --autopilot px4: command that starts your PX4 (default: wait for one)",
-    ),
-    Option(
-        name="keep_ulog", kind=bool, replay="as recorded",
-        help="with --connect or --px4: fetch PX4's log after the flight",
-    ),
-)  # fmt: skip
-PILOT = (
-    Option(
-        name="pilot", metavar="NAME", replay="as recorded",
-        help="built in: vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE",
-    ),
-    Option(
-        name="model", metavar="NAME",
-        help=f"a row of `dronecats models list`, replay:RUN, or PROVIDER/NAME; providers: {', '.join(PROVIDERS)}",
-    ),
-    *MODEL,
-    *ACCOUNTS,  # limits of cost and tokens, and the cache of replies
-    Option(
-        name="ledger", kind=Path, metavar="FILE", help="with --model: add the cost of this run to this file",
-        beside_spec=True,
-    ),
-    *REPLIES,
-    AGENT,
-)  # fmt: skip
-RUN = (
-    Option(
-        name="episode", metavar="ID", vehicle="--sitl", replay="may change", beside_spec=True,
-        help="id or file (default: go to the cyan SUV)",
-    ),
-    Option(
-        name="drones", kind=int, metavar="N", vehicle="--sitl", replay="as recorded",
-        help="drones of a commanding episode, 1 to 8 (default 4)",
-    ),
-    Option(
-        name="speed", metavar="N|max", vehicle="--sitl", replay="may change",
-        help="factor on real time (default 1); max is lockstep",
-    ),
-    Option(
-        name="seed", kind=int, vehicle="--sitl", replay="may change",
-        help="seed of all random values (default 0)",
-    ),
-    Option(name="seconds", kind=float, vehicle="--connect", help="length of the flight (default 300)"),
-    Option(
-        name="patience", kind=float, metavar="S", vehicle="--connect",
-        help="end the flight after S seconds without a reply (default 60)",
-    ),
-    Option(
-        name="spec", kind=Path, metavar="FILE", help="repeat the flight of a run.json",
-        beside_spec=True,
-    ),
-    Option(
-        name="full", kind=bool, vehicle="--sitl", replay="may change",
-        help="fly to the time limit even when the verdict is decided",
-    ),
-    Option(name="out", kind=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)", beside_spec=True),
-    Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
-)  # fmt: skip
-OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
 ARM = "ARM"  # the user types it to confirm
 
 

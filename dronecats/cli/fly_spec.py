@@ -9,8 +9,7 @@ from typing import Any
 from dronecats.agent.models import rows
 from dronecats.agent.models.spec import provider_of
 from dronecats.agent.prompt import Prompt
-from dronecats.cli.fly import OPTIONS
-from dronecats.cli.options import MODEL, accounts_of, first_set, is_set, key_of, model_of, speed
+from dronecats.cli.options import FLY, MODEL, accounts_of, first_set, is_set, key_of, model_of, speed
 from dronecats.flight.spec.disturbances import UNDISTURBED
 from dronecats.flight.spec.flight_spec import LATENCY, Authority, Connected, FlightSpec, Simulated, latency_policy
 from dronecats.flight.spec.spec_file import options_with_redacted_address, read, recorded
@@ -24,7 +23,7 @@ from hil.link import envelope
 from hil.link.envelope import SIMULATED, Limits
 
 PAGE = ("view", "view_port", "view_host", "view_stay")
-ALLOWED_WITH_SPEC = {"verb", "run", *PAGE, *(option.name for option in OPTIONS if option.beside_spec)}
+ALLOWED_WITH_SPEC = {"verb", "run", *PAGE, *(option.name for option in FLY if option.beside_spec)}
 REPLAY = "replay:"
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # default of --patience, s without a reply after which a real flight ends
@@ -43,7 +42,7 @@ def spec_of(args: argparse.Namespace) -> FlightSpec:
     if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
         raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
     vehicle = "--connect" if args.connect else "--sitl"
-    stray = first_set(args, (option for option in OPTIONS if option.vehicle not in (None, vehicle)))
+    stray = first_set(args, (option for option in FLY if option.vehicle not in (None, vehicle)))
     if stray and stray.name == "no_envelope":
         raise UsageError(
             "--no-envelope goes with --sitl only. For a real vehicle, change the limits with --envelope FILE"
@@ -78,7 +77,7 @@ def _replayed(args: argparse.Namespace) -> FlightSpec:
     path = args.model.removeprefix(REPLAY)
     if args.connect:
         raise UsageError("--model replay:RUN goes with --sitl. For a connected vehicle use --pilot recorded:FILE")
-    if stray := first_set(args, (option for option in OPTIONS if option.replay == "as recorded")):
+    if stray := first_set(args, (option for option in FLY if option.replay == "as recorded")):
         raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN). Leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
@@ -118,7 +117,7 @@ def _of_vehicle(args: argparse.Namespace) -> dict[str, Any]:
 
 def replay_line(args: argparse.Namespace, flight: str) -> str:
     """Return a sentence that names the values taken from the recorded flight, and the changed options."""
-    changed = [o.flag for o in OPTIONS if o.replay == "may change" and is_set(getattr(args, o.name))]
+    changed = [o.flag for o in FLY if o.replay == "may change" and is_set(getattr(args, o.name))]
     exceptions = f", but with another {', '.join(changed)}" if changed else ""
     return f"Replay of {flight}, with its replies, episode, vehicle, clock, latency and seed{exceptions}"
 

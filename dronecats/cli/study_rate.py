@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.exit_status import INTERRUPTED, interrupt_on_signals
-from dronecats.cli.fly import PILOT, no_options
+from dronecats.cli.fly import no_options
 from dronecats.cli.next_commands import next_commands, print_next
-from dronecats.cli.options import SIGN, add
+from dronecats.cli.options import PILOT, SIGN, add
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 

@@ -59,6 +59,7 @@ def setpoint_message(
     setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
 ) -> dialect.MAVLink_message:
     """Return SET_POSITION_TARGET_LOCAL_NED with a frame and mask that a real PX4 accepts."""
+    values: tuple[float, ...]
     match setpoint:
         case VelocitySetpoint(velocity_body, yaw_rate):
             frame, mask = dialect.MAV_FRAME_BODY_NED, VELOCITY_YAW_RATE
