@@ -16,7 +16,7 @@ from foundation.setpoints import Velocity
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
-from hil.preflight.observation import Change, Finding, Judgement, Observation, Row, Watch, bad, good
+from hil.preflight.observation import Change, Finding, Observation, Row, RuleResult, Watch, bad, good
 
 # PX4's defaults (parameter reference) that are unsafe for a real vehicle; a simulated PX4 has them too
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
@@ -129,7 +129,7 @@ def rehearse(link: Link) -> Row:
             link.set_mode("HOLD")
 
 
-def _switch(link: Link) -> Judgement:
+def _switch(link: Link) -> RuleResult:
     try:
         link.set_mode("OFFBOARD")
     except LinkError as refusal:

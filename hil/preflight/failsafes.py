@@ -14,7 +14,7 @@ from foundation.mavlink import dialect
 from foundation.protocol import SPEED_MAX
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
-from hil.preflight.observation import Change, Finding, Judgement, Row, bad, good, unclear
+from hil.preflight.observation import Change, Finding, Row, RuleResult, bad, good, unclear
 
 OFFBOARD_LOSS = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold", 6: "Terminate",
                  7: "Disarm"}  # fmt: skip
@@ -47,15 +47,15 @@ class Situation:
     fence_points: int | None = None  # points of the uploaded geofence; None: no reply
 
 
-Rule = Callable[[Situation, Value], Judgement]
+FailsafeRule = Callable[[Situation, Value], RuleResult]
 
 
-def _wrong(new: Value, why: str, reason: str) -> Judgement:
-    """Return a failed judgement with the value that mends it."""
-    return Judgement(False, why, f"set it to {new:g}, which --fix proposes", new, reason)
+def _wrong(new: Value, why: str, reason: str) -> RuleResult:
+    """Return a failed result with the value that mends it."""
+    return RuleResult(False, why, f"set it to {new:g}, which --fix proposes", new, reason)
 
 
-def _offboard_loss(s: Situation, value: Value) -> Judgement:
+def _offboard_loss(s: Situation, value: Value) -> RuleResult:
     """Judge COM_OBL_RC_ACT, the action when setpoints stop.
 
     Measured without sticks: with the value 0 the mode becomes POSCTL, and the vehicle sinks at 0.7 m/s. With 5 the
@@ -75,17 +75,17 @@ def _offboard_loss(s: Situation, value: Value) -> Judgement:
     return _wrong(5, f"{lost}. {effect[0].upper()}{effect[1:]}", f"{effect}; with Hold it stays in place")
 
 
-def _offboard_timeout(s: Situation, value: Value) -> Judgement:
+def _offboard_timeout(s: Situation, value: Value) -> RuleResult:
     """Judge COM_OF_LOSS_T, the time (s) for which the vehicle still flies the last velocity when setpoints stop."""
     effect = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
     reason = f"the failsafe then acts {LOSS_GOOD:g} s after the last setpoint; the agent sends 20 setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
         too = "long" if value > LOSS_MOST else "short for a radio with gaps"
         return _wrong(LOSS_GOOD, f"{effect}: too {too}", reason)
-    return good(effect) if value <= LOSS_GOOD else Judgement(True, effect, new=LOSS_GOOD, reason=reason)
+    return good(effect) if value <= LOSS_GOOD else RuleResult(True, effect, new=LOSS_GOOD, reason=reason)
 
 
-def _stick_exception(s: Situation, value: Value) -> Judgement:
+def _stick_exception(s: Situation, value: Value) -> RuleResult:
     """Judge COM_RCL_EXCEPT, the modes that ignore lost sticks.
 
     Since PX4 1.14, sticks that are absent at arming do not count as lost: failsafe.cpp.
@@ -104,7 +104,7 @@ def _stick_exception(s: Situation, value: Value) -> Judgement:
     return good("no sticks at arming, and none needed in flight")
 
 
-def _stick_loss(s: Situation, value: Value) -> Judgement:
+def _stick_loss(s: Situation, value: Value) -> RuleResult:
     """Judge NAV_RCL_ACT, the action when the sticks are lost."""
     action = LINK_LOSS.get(int(value), UNKNOWN_ACTION)
     if value in KILLING:
@@ -114,7 +114,7 @@ def _stick_loss(s: Situation, value: Value) -> Judgement:
     return good(f"sticks lost: {action}" if s.sticks else f"{action}; there are no sticks")
 
 
-def _station_loss(s: Situation, value: Value) -> Judgement:
+def _station_loss(s: Situation, value: Value) -> RuleResult:
     """Judge NAV_DLL_ACT, the action when the ground station is lost. The agent does not count as a ground station.
 
     If the value is above 0, PX4 arms only with a ground station: rcAndDataLinkCheck.cpp.
@@ -131,7 +131,7 @@ def _station_loss(s: Situation, value: Value) -> Judgement:
     return good(f"ground station lost: {action}")
 
 
-def _low_battery(s: Situation, value: Value) -> Judgement:
+def _low_battery(s: Situation, value: Value) -> RuleResult:
     """Judge COM_LOW_BAT_ACT, the action at a critical battery level."""
     action = LOW_BATTERY.get(int(value), UNKNOWN_ACTION)
     if value in (1, 2, 3):
@@ -140,7 +140,7 @@ def _low_battery(s: Situation, value: Value) -> Judgement:
     return _wrong(3, f"battery critical: only {action}", reason)
 
 
-def _stick_override(s: Situation, value: Value) -> Judgement:
+def _stick_override(s: Situation, value: Value) -> RuleResult:
     """Judge COM_RC_OVERRIDE, the modes in which moving the sticks takes over."""
     if not s.sticks:
         return good("no sticks, so no takeover by sticks")
@@ -150,31 +150,31 @@ def _stick_override(s: Situation, value: Value) -> Judgement:
     return _wrong(int(value) | OVERRIDE, "moving the sticks does not take over in every mode", reason)
 
 
-def _position_lost(s: Situation, value: Value) -> Judgement:
+def _position_lost(s: Situation, value: Value) -> RuleResult:
     """Judge COM_POS_FS_EPH, the position error (m) above which the position counts as lost."""
     if 0.0 < value <= 10.0:
         return good(f"a position with an error above {value:g} m counts as lost")
     return bad("a lost position is not noticed", "5 m is PX4's default")
 
 
-def _speed(s: Situation, value: Value) -> Judgement:
+def _speed(s: Situation, value: Value) -> RuleResult:
     """Judge MPC_XY_VEL_MAX, the autopilot's limit on the horizontal velocity that the agent commands."""
     if value < SPEED_MAX:
         return bad(f"the agent commands up to {SPEED_MAX:g} m/s, which this limit cuts", "raise it")
     return good(f"the agent commands {SPEED_MAX:g} m/s at most; the autopilot allows {value:g} m/s")
 
 
-def _vertical_speed(verb: str) -> Rule:
+def _vertical_speed(verb: str) -> FailsafeRule:
     """Return the rule of MPC_Z_VEL_MAX_UP or MPC_Z_VEL_MAX_DN."""
 
-    def rule(s: Situation, value: Value) -> Judgement:
+    def rule(s: Situation, value: Value) -> RuleResult:
         effect = f"the agent {verb} at up to {SPEED_MAX:g} m/s, which this limit"
         return bad(f"{effect} cuts", "raise it") if value < SPEED_MAX else good(f"{effect} allows")
 
     return rule
 
 
-def _hitl(s: Situation, value: Value) -> Judgement:
+def _hitl(s: Situation, value: Value) -> RuleResult:
     """Judge SYS_HITL, whether the board flies a simulated vehicle."""
     if value > 0:
         fix = "for a real flight set it to 0 and reboot; for a simulation remove the propellers"
@@ -182,7 +182,7 @@ def _hitl(s: Situation, value: Value) -> Judgement:
     return good("the autopilot flies a real vehicle, or PX4 itself is simulated (SITL)")
 
 
-def _fence_action(s: Situation, value: Value) -> Judgement:
+def _fence_action(s: Situation, value: Value) -> RuleResult:
     """Judge GF_ACTION, the action when the vehicle breaches the fence."""
     breached = f"fence breached: {FENCE_ACTIONS.get(int(value), UNKNOWN_ACTION)}"
     if value in (2, 3, 5):
@@ -191,7 +191,7 @@ def _fence_action(s: Situation, value: Value) -> Judgement:
     return _wrong(2, f"{breached}{consequence}", "a vehicle that breaches the fence stops there, and a person decides")
 
 
-def _fence_radius(s: Situation, value: Value) -> Judgement:
+def _fence_radius(s: Situation, value: Value) -> RuleResult:
     """Judge GF_MAX_HOR_DIST, the radius of the fence (m)."""
     drawn = _drawn_fence(s)
     if value > 0:
@@ -206,7 +206,7 @@ def _drawn_fence(s: Situation) -> str:
     return f"a fence drawn with {s.fence_points} points" if s.fence_points else ""
 
 
-def _fence_height(s: Situation, value: Value) -> Judgement:
+def _fence_height(s: Situation, value: Value) -> RuleResult:
     """Judge GF_MAX_VER_DIST, the height of the fence (m)."""
     if value > 0:
         return good(f"at most {value:g} m above home")
@@ -217,7 +217,7 @@ def _fence_height(s: Situation, value: Value) -> Judgement:
     return _wrong(FENCE_HEIGHT, why, "a second limit above our envelope's; it is the legal limit in most countries")
 
 
-def _return_height(s: Situation, value: Value) -> Judgement:
+def _return_height(s: Situation, value: Value) -> RuleResult:
     """Judge RTL_RETURN_ALT, the height (m) to which a returning vehicle climbs first."""
     climbs, height = f"Return first climbs to {value:g} m", s.values.get("GF_MAX_VER_DIST")
     if height and value >= height:
@@ -225,7 +225,7 @@ def _return_height(s: Situation, value: Value) -> Judgement:
     return good(f"{climbs}; no obstacle may be higher")
 
 
-def _signing(s: Situation, value: Value) -> Judgement:
+def _signing(s: Situation, value: Value) -> RuleResult:
     """Judge MAV_SIGN_CFG, whether unsigned messages are ignored.
 
     Our autopilot does not have this parameter, and ignores unsigned messages once it has a key. By default, PX4 1.17
@@ -237,7 +237,7 @@ def _signing(s: Situation, value: Value) -> Judgement:
     return _wrong(1, why, "only signed messages are obeyed, except over USB")
 
 
-FAILSAFE_RULES: dict[str, Rule] = {
+FAILSAFE_RULES: dict[str, FailsafeRule] = {
     "COM_OBL_RC_ACT": _offboard_loss,
     "COM_OF_LOSS_T": _offboard_timeout,
     "COM_RCL_EXCEPT": _stick_exception,
@@ -251,13 +251,13 @@ FAILSAFE_RULES: dict[str, Rule] = {
     "MPC_Z_VEL_MAX_DN": _vertical_speed("sinks"),
     "SYS_HITL": _hitl,
 }
-FENCE_RULES: dict[str, Rule] = {
+FENCE_RULES: dict[str, FailsafeRule] = {
     "GF_ACTION": _fence_action,
     "GF_MAX_HOR_DIST": _fence_radius,
     "GF_MAX_VER_DIST": _fence_height,
     "RTL_RETURN_ALT": _return_height,
 }
-SIGNING_RULES: dict[str, Rule] = {"MAV_SIGN_CFG": _signing}  # of PX4 from 1.17 on
+SIGNING_RULES: dict[str, FailsafeRule] = {"MAV_SIGN_CFG": _signing}  # of PX4 from 1.17 on
 PARAMETERS = (*FAILSAFE_RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS, *FENCE_RULES)
 VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # they act when setpoints stop, so the check fails without their values
 
@@ -287,7 +287,7 @@ def findings(situation: Situation) -> list[Finding]:
     ]
 
 
-def _judged(rules: Mapping[str, Rule], situation: Situation) -> Iterator[Finding]:
+def _judged(rules: Mapping[str, FailsafeRule], situation: Situation) -> Iterator[Finding]:
     for name, rule in rules.items():
         value = situation.values.get(name)
         if value is None:
@@ -299,7 +299,7 @@ def _judged(rules: Mapping[str, Rule], situation: Situation) -> Iterator[Finding
         yield Finding(judged.named(f"{name} = {value:g}"), change)
 
 
-def _sticks(s: Situation) -> Judgement:
+def _sticks(s: Situation) -> RuleResult:
     mode = s.values.get("COM_RC_IN_MODE")
     if s.sticks:
         return good("stick input arrives; the advice below is for a flight with a safety pilot")
@@ -310,7 +310,7 @@ def _sticks(s: Situation) -> Judgement:
     return unclear("none: no person can take over by hand", "switch the transmitter on, and run this again")
 
 
-def _mode_switch(s: Situation) -> Judgement:
+def _mode_switch(s: Situation) -> RuleResult:
     if s.values.get("COM_RC_IN_MODE") == 1:
         return unclear(
             "COM_RC_IN_MODE = 1: the sticks are a ground station's joystick, and"
@@ -333,7 +333,7 @@ def _mode_switch(s: Situation) -> Judgement:
     return good(f"channel {channel:g}, with a manual mode")
 
 
-def _kill_switch(s: Situation) -> Judgement:
+def _kill_switch(s: Situation) -> RuleResult:
     channel = s.values.get("RC_MAP_KILL_SW")
     if channel:
         return good(f"channel {channel:g}")

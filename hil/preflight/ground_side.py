@@ -14,7 +14,7 @@ from foundation.camera import Camera, Frame
 from foundation.errors import CameraError
 from foundation.mavlink import dialect
 from foundation.sensors import CALENDAR_START_US
-from hil.preflight.observation import STREAM_HZ, Judgement, Observation, Row, bad, good, unclear
+from hil.preflight.observation import STREAM_HZ, Observation, Row, RuleResult, bad, good, unclear
 
 FLIGHT_STREAMS = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 RATE_LEAST = 8.0  # Hz; at a lower rate, our control of height and position lags too much
@@ -35,7 +35,7 @@ def wire_rows(observed: Observation) -> list[Row]:
     ]
 
 
-def _rates(observed: Observation) -> Judgement:
+def _rates(observed: Observation) -> RuleResult:
     if observed.seconds <= 0.0:
         return unclear("not measured")
     rates = {i: observed.counts.get(i, 0) / observed.seconds for i in STREAM_HZ}
@@ -52,7 +52,7 @@ def _rates(observed: Observation) -> Judgement:
     return good(f"{flight_rates}, and all other requested rates")
 
 
-def _round_trip(observed: Observation) -> Judgement:
+def _round_trip(observed: Observation) -> RuleResult:
     if not observed.sync_requests:
         return unclear("not measured")
     if not observed.round_trips:
@@ -66,7 +66,7 @@ def _round_trip(observed: Observation) -> Judgement:
     return good(why)
 
 
-def _clock(observed: Observation) -> Judgement:
+def _clock(observed: Observation) -> RuleResult:
     if len(observed.round_trips) < 2:
         return unclear("the vehicle's clock was not compared with this machine's")
     first, last = _best(observed, early=True), _best(observed, early=False)

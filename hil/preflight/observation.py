@@ -33,7 +33,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class RuleResult:
     """The result of a rule. The fields are those of a `Row`, and of the `Change` that would correct it."""
 
     passed: bool | None
@@ -47,16 +47,16 @@ class Judgement:
         return Row(name, self.passed, self.why, self.fix)
 
 
-def good(why: str) -> Judgement:
-    return Judgement(True, why)
+def good(why: str) -> RuleResult:
+    return RuleResult(True, why)
 
 
-def bad(why: str, fix: str) -> Judgement:
-    return Judgement(False, why, fix)
+def bad(why: str, fix: str) -> RuleResult:
+    return RuleResult(False, why, fix)
 
 
-def unclear(why: str, fix: str = "") -> Judgement:
-    return Judgement(None, why, fix)
+def unclear(why: str, fix: str = "") -> RuleResult:
+    return RuleResult(None, why, fix)
 
 
 @dataclass(frozen=True, slots=True)

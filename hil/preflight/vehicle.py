@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from foundation.mavlink import dialect, mode_name
 from hil.link.parameters import Value
 from hil.link.telemetry import PREARM
-from hil.preflight.observation import Judgement, Message, Observation, Row, bad, good, unclear
+from hil.preflight.observation import Message, Observation, Row, RuleResult, bad, good, unclear
 
 OLDEST = (1, 14)  # from this version on, sticks and other parts that are absent at arming are optional: failsafe.cpp
 SENSORS = {  # bits of SYS_STATUS
@@ -43,7 +43,7 @@ TESTED = "1.14.4, 1.15.4 and 1.16.1"
 SPREAD_MOST = 5.0  # m, default of COM_POS_FS_EPH: with a larger error, PX4 does not trust its position
 
 
-def _firmware(observed: Observation) -> Judgement:
+def _firmware(observed: Observation) -> RuleResult:
     firmware = observed.firmware
     if firmware is None:
         return unclear("the autopilot does not send its version, so some advice is a guess")
@@ -59,7 +59,7 @@ def version(observed: Observation) -> tuple[int, int]:
     return number >> 24 & 0xFF, number >> 16 & 0xFF
 
 
-def _armed(observed: Observation) -> Judgement:
+def _armed(observed: Observation) -> RuleResult:
     beat = observed.message("HEARTBEAT")
     if beat is None:
         return unclear("no heartbeat arrived")
@@ -68,7 +68,7 @@ def _armed(observed: Observation) -> Judgement:
     return good("the motors are off")
 
 
-def _sensors(observed: Observation) -> Judgement:
+def _sensors(observed: Observation) -> RuleResult:
     status = observed.message("SYS_STATUS")
     if status is None:
         return bad("SYS_STATUS does not arrive, so nothing is known", "look at the link's rates")
@@ -83,7 +83,7 @@ def _sensors(observed: Observation) -> Judgement:
     return good(", ".join(name for bit, name in SENSORS.items() if present & bit))
 
 
-def _prearm(observed: Observation) -> Judgement:
+def _prearm(observed: Observation) -> RuleResult:
     status = observed.message("SYS_STATUS")
     if status is None:
         return bad("SYS_STATUS does not arrive", "look at the link's rates")
@@ -98,7 +98,7 @@ def _prearm(observed: Observation) -> Judgement:
     return good(f"the vehicle would arm in {_mode(observed)}" + _texts(observed))
 
 
-def _estimator(observed: Observation) -> Judgement:
+def _estimator(observed: Observation) -> RuleResult:
     status = observed.message("ESTIMATOR_STATUS")
     if status is None:
         return bad("ESTIMATOR_STATUS does not arrive, so the estimate is unknown", "look at the link's rates")
@@ -141,7 +141,7 @@ HOME_NEAR = 10.0  # m; a vehicle that is nearer to home than this is at home, gi
 EARTH = 6_371_000.0  # m, mean radius
 
 
-def _gps(observed: Observation) -> Judgement:
+def _gps(observed: Observation) -> RuleResult:
     gps = observed.message("GPS_RAW_INT")
     if gps is None or gps.fix_type == 0:
         return bad("no message of a receiver arrives", "check its cable; no flight is possible without a position")
@@ -166,7 +166,7 @@ def _count(satellites: int) -> str:
     return "number of satellites unknown" if satellites == 255 else f"{satellites} satellites"
 
 
-def _home(observed: Observation) -> Judgement:
+def _home(observed: Observation) -> RuleResult:
     home, here = observed.message("HOME_POSITION"), observed.message("GLOBAL_POSITION_INT")
     if home is None:
         return bad(
@@ -198,7 +198,7 @@ CELL_LEAST, CELL_MOST = 3.5, 4.35  # V at rest: an empty lithium cell, and a ful
 MARGIN = 0.25  # share of the capacity that a flight of five minutes needs, above BAT_LOW_THR (low battery)
 
 
-def _battery(observed: Observation, values: Mapping[str, Value | None]) -> Judgement:
+def _battery(observed: Observation, values: Mapping[str, Value | None]) -> RuleResult:
     status = observed.message("SYS_STATUS")
     if status is None or status.voltage_battery in (0, UNKNOWN):
         return bad(
