@@ -36,6 +36,7 @@ def add_submit_options(parser: argparse.ArgumentParser) -> None:
 def _submit(args: argparse.Namespace) -> int:
     """Write the archive, verify it, and print the result."""
     from dronecats.report.leaderboard.submission import secrets_of, submit
+    from dronecats.report.leaderboard.verification import verify
     from dronecats.report.recorded.run import recorded_runs
 
     if not args.out.name.endswith(".tar.xz"):
