@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from dronecats.agent.prompt import compact
 from dronecats.judge.verdict import qualifies
 from dronecats.report.kit.shell import action_words
 from dronecats.report.page.pictures import PictureAddress
@@ -72,7 +71,7 @@ def _step(
         decided=_rounded(2, decision.t_decided),  # s, time of the decision
         action=decision.action,
         does=action_words(decision),  # the action in words
-        says=None if action is None else compact(action),  # the action in the prompt's compact form
+        says=None if action is None else action.line,  # the action in the prompt's compact form
         error=decision.error,
         reply=index(decision.reply) if isinstance(decision.reply, str) else None,
         # the parts of the prompt before and after the history
