@@ -15,7 +15,7 @@ from dronecats.flight.spec.flight_spec import LATENCY, Authority, Connected, Fli
 from dronecats.flight.spec.spec_file import options_with_redacted_address, read, recorded
 from dronecats.pilots import roster
 from episodes import maps
-from episodes.camera.optics.options import load as load_optics
+from episodes.camera.optics.file import load as load_optics
 from episodes.records import catalogue
 from foundation.errors import UsageError
 from hil.cameras.lens import load as load_calibration

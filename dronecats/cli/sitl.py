@@ -65,7 +65,7 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until Ctrl-C."""
-    from episodes.camera.optics.options import load
+    from episodes.camera.optics.file import load
     from episodes.records import catalogue
 
     factor = speed(args.speed)

@@ -25,7 +25,8 @@ from dronecats.flight.sitl.config import AIRFRAME, CameraConfig
 from dronecats.flight.sitl.episode_world import load_world, origin
 from dronecats.flight.sitl.truth_listener import Listener
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
-from episodes.camera.optics.options import Optics, optics_of
+from episodes.camera.optics.file import optics_of
+from episodes.camera.optics.options import Optics
 from episodes.camera.renderer.renderer import Renderer
 from episodes.world.fleet import DronePose
 from episodes.world.world import World

@@ -14,7 +14,8 @@ from dronecats.agent.prompt import Prompt
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, FlightSpec
 from dronecats.pilots import roster
 from episodes import maps
-from episodes.camera.optics.options import Optics, optics_of
+from episodes.camera.optics.file import optics_of
+from episodes.camera.optics.options import Optics
 from episodes.records import catalogue
 from episodes.records import record as records
 from episodes.records.record import VERSION, EpisodeRecord, StartPose, TargetRecord

@@ -1,15 +1,9 @@
-"""Declares the options of camera and weather, and reads them from TOML. The format is in docs/cameras.md."""
+"""Declares the options of camera and weather."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import Meta
-
-from foundation.camera import CameraModel
-from foundation.errors import UsageError
-from foundation.typed_file import toml_table, typed
 
 SEED_MAX = 2**31 - 1
 
@@ -86,7 +80,7 @@ class Optics:
     seed: Annotated[int, _within(0, SEED_MAX)] = 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the options that are on, as JSON values. `optics_of` is the inverse."""
+        """Return the options that are on, as JSON values. `file.optics_of` is the inverse."""
         options = {name: value for name, value in asdict(self).items() if value is not None}
         return {
             name: {key: list(v) if isinstance(v, tuple) else v for key, v in value.items() if v is not None}
@@ -94,22 +88,3 @@ class Optics:
             else value
             for name, value in options.items()
         }
-
-
-def load(path: Path) -> Optics:
-    """Return the options of a TOML file. Raises UsageError with file, key and reason."""
-    where = f"--optics {path}"
-    return optics_of(toml_table(path, where), where)
-
-
-def optics_of(table: Mapping[str, Any], where: str) -> Optics:
-    """Return the options in a table. Raises UsageError, which names the table as `where`."""
-    optics = typed(dict(table), Optics, where)
-    if optics.lens is not None:  # coefficients may each be in range and still give no usable picture together
-        from episodes.camera.optics.camera import wide_camera  # imports the renderer, which most commands do not need
-
-        try:
-            wide_camera(optics.lens, CameraModel())
-        except ValueError as error:
-            raise UsageError(f"{where}: {error}") from None
-    return optics

@@ -12,7 +12,8 @@ from dronecats.flight.sitl.camera import WorldCamera, rates_between
 from dronecats.flight.sitl.episode_world import origin
 from dronecats.flight.spec.flight import CAMERA, look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from episodes.camera.optics.options import Exposure, Optics, Rain, Sensor, load
+from episodes.camera.optics.file import load
+from episodes.camera.optics.options import Exposure, Optics, Rain, Sensor
 from episodes.records import catalogue
 from episodes.world.world import World
 from foundation.camera import CameraModel

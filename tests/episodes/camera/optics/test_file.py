@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, load, optics_of
+from episodes.camera.optics.file import load, optics_of
+from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor
 from foundation.errors import UsageError
 
 ALL = """
