@@ -68,7 +68,7 @@ class InFlight:
     """A flight of a worker, and the time of its last written byte."""
 
     sortie: Sortie
-    written: int = 0  # `written_bytes` at the last check
+    written: int = -1  # `written_bytes` at the last check; -1: not checked
     since_s: float = field(default_factory=time.monotonic)  # wall time of the check that found a changed number
 
     def check(self, written: int) -> None:
@@ -220,7 +220,7 @@ def hanging(flying: Sequence[InFlight], hang_s: float) -> InFlight | None:
     A flight that has not begun may wait for the others. It hangs only if all flights of the worker are silent.
     """
     silent = [flight for flight in flying if flight.silent_s > hang_s]
-    begun = next((flight for flight in silent if flight.written), None)
+    begun = next((flight for flight in silent if flight.written > 0), None)
     return begun or (silent[0] if silent and len(silent) == len(flying) else None)
 
 

@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from episodes.maps.scene import Array, Material, Mesh
 from foundation.frames import Vec3
 
-Corner = Array | tuple[float, float]
-PlanBox = tuple[float, float, float, Corner, Corner]  # footprint: north, east (m), yaw (rad), low, high corner (2,)
+PlanCorner = Array | tuple[float, float]
+PlanBox = tuple[
+    float, float, float, PlanCorner, PlanCorner
+]  # footprint: north, east (m), yaw (rad), low, high corner (2,)
 
 PlanRect = tuple[tuple[float, float], tuple[float, float]]  # lower and upper corner, m in x and y
 

@@ -30,7 +30,7 @@ _SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
 _SPREAD_EDGE = 0.006  # fraction of picture width, standard deviation of lengths from blur, JPEG, unpainted edges
 _SPREAD_HORIZON = 0.02  # fraction of picture width, standard deviation of the horizon's row from about 2.5° of pitch
 
-Floats = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def middle_to_near_end_m(box: BoundingBox, estimate: Range, size: Size) -> float
     return 0.5 * (size.length_m - sideways * span)
 
 
-def _shift(box: BoundingBox, left: Floats, right: Floats) -> Floats:
+def _shift(box: BoundingBox, left: Array, right: Array) -> Array:
     """Return the shift of the predictions onto the detected rectangle, using the sides that are not cut off."""
     cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
     if cut_left and not cut_right:
@@ -106,12 +106,12 @@ def _shift(box: BoundingBox, left: Floats, right: Floats) -> Floats:
     return 0.5 * (box.left + box.right) - 0.5 * (left + right)
 
 
-def _mismatch(length: float, predicted: Floats) -> Floats:
+def _mismatch(length: float, predicted: Array) -> Array:
     """Return the difference of two lengths in standard deviations (of blur and of the sizes of the kind)."""
     return (length - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
 
 
-def outline(size: Size) -> tuple[Floats, Floats, Floats]:
+def outline(size: Size) -> tuple[Array, Array, Array]:
     """Return points on the outside of the painted body: metres forward, right and above the ground, (P,) each.
 
     The points come from outlines.npz if the kind has an outline, otherwise from the usual size.
@@ -133,7 +133,7 @@ def outline(size: Size) -> tuple[Floats, Floats, Floats]:
 
 
 @lru_cache(maxsize=16)
-def _grid(size: Size, half: float) -> tuple[Floats, Floats, Floats, Floats]:
+def _grid(size: Size, half: float) -> tuple[Array, Array, Array, Array]:
     """Return the left, right, top and bottom of predicted rectangles of a thing straight ahead.
 
     In fractions of the picture width. The axes of each array are depth, heading and camera height.

@@ -29,7 +29,7 @@ class Step(NamedTuple):
     truth: FrameTruth
 
 
-class Declaration(NamedTuple):
+class NumberedDeclaration(NamedTuple):
     """One declaration of arrival, measured as in Algorithm 1 of the paper (docs/glossary.md)."""
 
     number: int
@@ -98,8 +98,8 @@ def _steps(flight: RecordedFlight) -> list[Step]:
     return [Step(d, action_of(d), frames.get((d.drone, d.frame_id), UNMEASURED)) for d in flight.logs.decisions]
 
 
-def _declarations(flight: RecordedFlight) -> list[Declaration]:
-    return [Declaration(k, d) for k, d in enumerate(in_order(flight.all_declarations, float("inf")), 1)]
+def _declarations(flight: RecordedFlight) -> list[NumberedDeclaration]:
+    return [NumberedDeclaration(k, d) for k, d in enumerate(in_order(flight.all_declarations, float("inf")), 1)]
 
 
 UNMEASURED = FrameTruth(frame_id=0, t=0.0, drone=0, distance_m=None, visible=None)
@@ -216,7 +216,7 @@ POSE_COLUMNS: tuple[SqlColumn[Pose], ...] = (
     SqlColumn("distance_m", "DOUBLE", "m, distance from the drone to the target's centre in three dimensions"),
     SqlColumn(*VISIBLE),
 )
-DECLARATION_COLUMNS: tuple[SqlColumn[Declaration], ...] = (
+DECLARATION_COLUMNS: tuple[SqlColumn[NumberedDeclaration], ...] = (
     RUN,
     EPISODE,
     SqlColumn("number", "BIGINT", "number of the declaration in the episode, in the order of time, from 1"),

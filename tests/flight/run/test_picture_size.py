@@ -23,8 +23,13 @@ def closed(monkeypatch):
     names: list[str] = []
     link = SimpleNamespace(close=lambda: names.append("link"))
     camera = SimpleNamespace(model=CameraModel(640, 480), close=lambda: names.append("camera"))
+
+    def opened(vehicle, link, undo):
+        undo.callback(camera.close)
+        return camera
+
     monkeypatch.setattr(connected, "open_link", lambda vehicle, limits: link)
-    monkeypatch.setattr(connected, "_camera", lambda vehicle, link: camera)
+    monkeypatch.setattr(connected, "_camera", opened)
     return names
 
 
