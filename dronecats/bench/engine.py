@@ -14,7 +14,7 @@ from dronecats.flight.processes.supervisor import ChildKind, ChildProcess
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_json
 from dronecats.judge.episode import write_verdict
-from foundation.errors import InfrastructureError
+from foundation.errors import DronecatsError, InfrastructureError
 from foundation.files import file_errors_as
 from foundation.machine import cores
 from foundation.run_folder import layout
@@ -51,7 +51,7 @@ class Engine(Protocol):
 
 
 WORKER = ChildKind("worker", "dronecats.bench.worker:Worker", WorkerConfig, needs_keys=True)
-POLL_S = 0.2  # wall s in which the engine asks each worker for a flight that has ended
+POLL_S = 0.2  # wall s in which the engine asks each worker for a flight that has ended, if the workers answer at once
 ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
 # wall s; a flight hangs if none of its files has grown for so long. The longest regular pause is 300 s, after which a
 # question with all its retries is given up.
@@ -136,7 +136,11 @@ class LocalEngine:
         """
         with file_errors_as(InfrastructureError, "the run folder cannot be written"):
             while not self._landed:
-                self._advance()
+                try:
+                    self._advance()
+                except (DronecatsError, OSError):
+                    if not self._landed:  # otherwise the next call meets the fault again
+                        raise
         return self._landed.popleft()
 
     def close(self) -> None:
@@ -159,7 +163,7 @@ class LocalEngine:
             if crew.process is None or not (crew.fresh or crew.flying):
                 continue
             if not crew.is_ready:
-                crew.process.ready()  # all workers start at the same time, so this waits only for the first one
+                crew.process.ready()  # workers start at the same time; a worker that is started again delays the others
                 crew.is_ready = True
             fresh, crew.fresh = crew.fresh, []
             crew.flying |= {str(sortie.folder): InFlight(sortie) for sortie in fresh}
@@ -180,8 +184,9 @@ class LocalEngine:
             worker.do("fly", self._answer_s, flight=as_json(sortie.flight), folder=str(sortie.folder))
         outcome = worker.do("ended", self._answer_s)
         if outcome is not None:
-            sortie = flying.pop(outcome["folder"]).sortie
+            sortie = flying[outcome["folder"]].sortie
             self._landed.append((sortie, flown_result(outcome, sortie)))
+            del flying[outcome["folder"]]  # afterwards, so that a full disk does not make the flight disappear
         for flight in flying.values():
             flight.check(written_bytes(flight.sortie.folder))
         if (found := hanging(list(flying.values()), self._hang_s)) is not None:

@@ -11,7 +11,7 @@ from dronecats.cli.output import show
 from dronecats.report.table import TableColumn, table_of
 from foundation.errors import UsageError
 from foundation.run_folder.layout import EPISODE
-from foundation.run_folder.reading import episode_folder
+from foundation.run_folder.reading import episode_folder, read
 from foundation.run_folder.rows import drone_label
 
 
@@ -44,7 +44,6 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare the paths. Return 0 if they agree over --seconds, else 1."""
     from dronecats.report.path_comparison import compare, figures, same_replies
-    from foundation.run_folder.reading import episode_folder, read
 
     for name in ("within", "seconds"):
         value = getattr(args, name)

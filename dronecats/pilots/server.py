@@ -1,7 +1,8 @@
 """Serves a pilot as a model: an OpenAI-compatible chat endpoint on the loopback interface.
 
 The agent connects to a base URL in the same way as for a model, and cannot distinguish a pilot from a model. Responses
-are deterministic: the same request gets the same bytes, without a timestamp.
+are deterministic: the same request gets the same bytes, without a timestamp. `PilotPart` serves a built-in pilot in a
+child process.
 """
 
 import base64

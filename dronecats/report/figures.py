@@ -102,7 +102,7 @@ def label_rows(axis: Any, rows: FigureLines, heads: Sequence[tuple[str, float]])
 
 
 def _write_heads(axis: Any, heads: Sequence[tuple[str, float]], left_pt: int) -> None:
-    """Write titles and their vertical positions, `left_pt` points to the left of the axes."""
+    """Write titles at their vertical positions, `left_pt` points to the left of the axes."""
     for title, y in heads:
         axis.annotate(title, (0.0, y), xytext=(-left_pt, 0), xycoords=("axes fraction", "data"), ha="right",
                       textcoords="offset points", va="center", style="italic", color=GREY)  # fmt: skip

@@ -71,12 +71,13 @@ def test_a_report_without_a_page_removes_the_page_of_an_earlier_report(place, mo
     (frames / "000000.jpg").touch()
     assert main(["report", "runs", "--out", "report"]) == 0
     assert [path.name for path in (report / "pictures").rglob("*")] == ["oracle", IDS[0], "000000.jpg"]
-    notes = report / "data" / "notes.txt"  # of the user
-    notes.touch()
+    script = report / "data" / "site" / "app.js"  # of the user
+    script.parent.mkdir()
+    script.touch()
     assert main(["report", "runs/oracle", "--out", "report", "--no-page"]) == 0
     assert not (report / "index.html").exists()
     assert not (report / "pictures").exists()
-    assert [*(report / "data").rglob("*")] == [notes]
+    assert [*(report / "data").rglob("*")] == [script.parent, script]
     (report / "index.html").mkdir()
     assert main(["report", "runs/oracle", "--out", "report", "--no-page"]) == 3
 

@@ -39,7 +39,7 @@ from hil.link.transport import UdpTransport
 
 # Measures the target: (t in s, truth of a drone, its camera, truth of the other drones at that time) → measurement
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
-COPIED = "udpin://127.0.0.1:0"
+COPIED = "udpin://127.0.0.1:0"  # URL of a logger's own port, which the system chooses
 KEPT = 1000  # truth samples kept per drone, for late frames: 20 s at 50 Hz
 
 

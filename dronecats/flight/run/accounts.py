@@ -145,8 +145,11 @@ def spent_in(folder: Path) -> Spent | None:
     """Return the cost of all runs of a benchmark; None: no model was paid yet. Raises InfrastructureError."""
     if not (folder / LEDGER).exists():
         return None
-    with closing(Ledger(folder / LEDGER)) as ledger:
-        return ledger.spent()
+    try:
+        with closing(Ledger(folder / LEDGER)) as ledger:
+            return ledger.spent()
+    except UsageError as unreadable:  # the run has written it, so its user has not named a wrong file
+        raise InfrastructureError(str(unreadable)) from None
 
 
 Notify = Callable[[str], None]

@@ -48,7 +48,7 @@ def ascend(
 ) -> None:
     """Connect, arm, take off, fly to the start poses and stay there in Offboard, all drones at once. Raises LinkError.
 
-    `check` is called when all drones are ready to arm. It raises if a drone may not take off. None: no true poses.
+    `check` is called when all drones are ready to arm. It raises if a drone may not take off. None: no check.
 
     A drone whose start has a heading makes a full turn on the way. The turn lets the estimator find the hard iron of
     the compass, which otherwise causes a heading error of up to two degrees.

@@ -359,8 +359,8 @@ def build(make: Callable[..., V], world: World, config: SimulatorConfig) -> Simu
     """Return the simulation that a configuration describes, in `world`. `make` builds a drone as `Vehicle` does.
 
     Random values follow from the record's seed and from `config.seed`. All drones have the same faults and
-    disturbances. Raises UsageError for an unknown airframe, a payload that the airframe cannot carry or an impossible
-    fault.
+    disturbances. A payload acts from boot. Raises UsageError for an unknown airframe, a payload that the airframe
+    cannot carry or an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(config.airframe)

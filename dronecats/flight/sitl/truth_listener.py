@@ -8,7 +8,7 @@ from hil.link.transport import UdpTransport, connect
 HELLO = dialect.MAVLink_heartbeat_message(
     dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
 )
-LISTENER = 246, 191  # MAVLink ids of the subscriber
+IDS = 246, 191  # MAVLink ids of the subscriber
 
 
 class Listener:
@@ -17,7 +17,7 @@ class Listener:
     def __init__(self, url: str, feed: Callable[[bytes], None]) -> None:
         self._transport = connect(url)
         self._feed = feed
-        self._packer = Packer(*LISTENER)
+        self._packer = Packer(*IDS)
         self._has_data = False
         self._transport.send(self._packer.pack(HELLO))
 

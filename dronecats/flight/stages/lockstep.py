@@ -196,6 +196,7 @@ class LockstepStage(Stage):
         )  # fmt: skip
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()
+        world.warm_up()
         drones = range(len(self._simulation.vehicles))
         self._disturbed = disturbed = DisturbedLinks(flight)
         wires = [clock.wire(index, disturbed.seed(index)) for index in drones] if disturbed.wired else []

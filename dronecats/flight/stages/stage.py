@@ -1,4 +1,4 @@
-"""Defines the interface of a stage (the environment of an episode) and the common parts of simulated stages.
+"""Defines the interface of a stage (the environment of an episode), and the parts that several kinds of stage share.
 
 Disturbances of links, setpoint rate, air and sensors begin with the episode, so they do not change the take-off. The
 disturbances of links end before the landing. A payload is a disturbance too, but it acts from boot.
@@ -55,7 +55,8 @@ class Stage:
     def tap(self, feed: Callable[[bytes], None]) -> Callable[[], None]:
         """Subscribe a function, for example of the oracle pilot, to the truth bus. The agent has no subscription.
 
-        Returns the function that passes on the samples that have arrived. A stage without a truth bus has no `tap`.
+        Returns the function that passes on the samples that have arrived. A stage without a truth bus raises
+        NotImplementedError.
         """
         raise NotImplementedError
 

@@ -131,7 +131,7 @@ class JudgedEpisode:
         return bool(self.contradictions or (self.stored and not self.stored.agrees))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON object of `dronecats judge --json`."""
+        """Return the JSON object of an episode in the output of `dronecats judge --json`."""
         stored = self.stored
         return {
             **self.verdict.as_json(),

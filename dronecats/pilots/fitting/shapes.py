@@ -192,7 +192,7 @@ COVERED = 0.2  # share of a window's cells that are blanked in a training step
 BRIGHTNESS_LOG_STD = 0.25  # standard deviation of the log of a brightness factor, which imitates shadows
 
 NETWORK = ShapeNetwork
-CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the two distance bands of `check`, near and far
+CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the two distance bands of the check, near and far
 PLAINLY = 0.5  # visible share from which a thing must be detected
 ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected; the printed table has each
 

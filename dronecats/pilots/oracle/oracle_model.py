@@ -49,6 +49,8 @@ class OracleModel(Model):
         self._taken: dict[int, int] = {}  # drone → time of the drone's picture, µs
         self.feed = self._truth.feed  # accepts bytes of the truth bus
         self._obeys, self._looks = obeys, looks
+        if looks:
+            world.warm_up()
         self._t0_us: int | None = None
 
     def begin(self, t0_us: int) -> None:

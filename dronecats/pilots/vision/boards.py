@@ -24,7 +24,7 @@ from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
 
 HEIGHT_M, WIDTH_M = 0.86, 1.26  # of a board with its frame
 _LEVEL_STEP = 8  # step between two thresholds of a Lab channel (0 … 255)
-_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # limits of color_difference that `find_of_color` tries
+_TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # limits of color_difference that `_find_of_color` tries
 _LEAST_PX = (4, 5)  # width and height that a board has at least
 _FARTHEST_M = 48.0
 _WIDEST = 1.75  # a board is at most this many times as wide as it is high; a long word makes it wider

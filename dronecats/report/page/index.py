@@ -160,6 +160,7 @@ def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
 
 PAGE = "index.html"
 DATA = "data"  # folder with a script per flight; not JSON, because a page on a local disk can load only scripts
+CALL = "dronecatsFlight("  # the beginning of a flight's script
 TITLE = "DroneCATS report"
 KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
 MORE = """<noscript><p>This page needs JavaScript. It loads nothing from the network.</p></noscript>
@@ -184,17 +185,23 @@ def remove_page(out: Path) -> None:
     """Remove the page of an earlier report from the folder, if there is one. Raises InfrastructureError."""
     with file_errors_as(InfrastructureError, f"the page {out / PAGE} cannot be removed"):
         if (out / PAGE).exists():
-            _remove_files(out)
             (out / PAGE).unlink()
+            _remove_files(out)
 
 
 def _remove_files(out: Path) -> None:
-    """Remove the files of flights and pictures beside a page, and their folders. Files of the user stay."""
-    for path in (*out.glob(f"{DATA}/*/*.js"), *out.glob(f"{FOLDER}/*/*/{'[0-9]' * 6}*.jpg")):
-        path.unlink()
-    for folder in sorted([*out.glob(f"{DATA}/**"), *out.glob(f"{FOLDER}/**")], reverse=True):
-        with suppress(OSError):  # it is not empty
-            folder.rmdir()
+    """Remove the files of flights and pictures of a page, and the folders that this empties. Files of the user stay."""
+    for data in out.glob(f"{DATA}/*/*.js"):
+        with data.open("rb") as file:
+            if file.read(len(CALL)) != CALL.encode():
+                continue
+        data.unlink()
+        pictures = out / FOLDER / data.parent.name / data.stem
+        for picture in pictures.glob(f"{'[0-9]' * 6}*.jpg"):
+            picture.unlink()
+        for folder in (data.parent, data.parents[1], pictures, *pictures.parents[:2]):
+            with suppress(OSError):  # it is not empty, or does not exist
+                folder.rmdir()
 
 
 def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, embed: bool) -> Path:
@@ -202,8 +209,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     metrics = _page_metrics(collection)
     runs, entrants = _page_runs(collection)
     every = embedding_stride(collection.runs) if embed else 1
-    if embed and (out / PAGE).exists():
-        _remove_files(out)
+    had_page = (out / PAGE).exists()
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     named = _named(collection)
     episodes, blocks, seen_grounds = [], {}, []
@@ -221,7 +227,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
         elif data is not None:
             path = out / DATA / f"{key}.js"
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(f"dronecatsFlight({script_json(key)},{data});\n", encoding="ascii")
+            path.write_text(f"{CALL}{script_json(key)},{data});\n", encoding="ascii")
         ground = ground_key(scored.folder) if data is not None else ""
         seen_grounds.append(ground)
         episodes.append(_page_episode(scored, metrics, name, number, ground, damage, data is not None))
@@ -251,6 +257,8 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     page = out / PAGE
     with whole_file(page) as draft, draft.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(shell.page(content, {f"flight:{key}": block for key, block in blocks.items()}))
+    if embed and had_page:
+        _remove_files(out)
     return page
 
 
