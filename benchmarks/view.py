@@ -17,6 +17,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -96,9 +97,12 @@ def _key(quaternion: Any) -> tuple[float, ...]:
 
 
 def viewer_of(pid: int) -> int:
-    """Return the id of the process that serves the page of a command. Raises StopIteration if there is none."""
-    children = psutil.Process(pid).children()
-    return int(next(child.pid for child in children if "viewer_process" in " ".join(child.cmdline())))
+    """Return the id of the process that serves the page of a command. Raises ProcessLookupError if none."""
+    for child in psutil.Process(pid).children():
+        with suppress(psutil.Error):  # it has just ended
+            if "viewer_process" in " ".join(child.cmdline()):
+                return int(child.pid)
+    raise ProcessLookupError(f"no child of process {pid} serves a page")
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:

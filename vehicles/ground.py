@@ -33,7 +33,10 @@ CRASH_BODY = 1.0  # m/s, normal speed that breaks a propeller or the hull
 
 
 def peaks(terrain: HeightField, reach: float) -> Grid:
-    """Return the highest ground (NED z, m, same shape as the grid) within `reach` (m) of each cell."""
+    """Return the highest ground (NED z, m, same shape as the grid) within `reach` (m) of each cell.
+
+    All heights must be finite.
+    """
     cells = 2 * (math.ceil(reach / terrain.cell_m) + 1) + 1
     return np.asarray(cv2.erode(terrain.down, np.ones((cells, cells), np.uint8)))
 

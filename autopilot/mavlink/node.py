@@ -106,7 +106,7 @@ GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.val
 
 
 COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
-PARAMETERS = "parameters"  # name of the transfer of the parameter list
+PARAMETER_LIST = "parameters"  # name of the transfer of the parameter list
 # messages of each transfer per tick: with 100 ticks a second, a log is sent at 180 kB/s
 TRANSFERS_PER_TICK = 20
 PARAMETERS_PER_TICK = 18  # 1800 a second; PX4 sends 1000
@@ -261,7 +261,7 @@ class Port:
     def _send_transfers(self) -> None:
         for service, messages in list(self.transfers.items()):
             most = min(TRANSFERS_PER_TICK, TRANSFER_BACKLOG - len(self._out))
-            for _ in range(PARAMETERS_PER_TICK if service == PARAMETERS else most):
+            for _ in range(PARAMETERS_PER_TICK if service == PARAMETER_LIST else most):
                 message = next(messages, None)
                 if message is None:
                     self.transfers.pop(service, None)

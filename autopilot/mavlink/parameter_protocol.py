@@ -2,7 +2,7 @@
 
 import struct
 
-from autopilot.mavlink.node import PARAMETERS, Node, Port, sender
+from autopilot.mavlink.node import PARAMETER_LIST, Node, Port, sender
 from autopilot.mavlink.status_makers import Message
 from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect, first_field
@@ -36,7 +36,7 @@ def parameter_value(parameters: ParameterTable, name: str) -> Message:
 def request_list(node: Node, port: Port, message: Message) -> None:
     """Start to send the whole list on this port, each parameter with its value at the time of sending."""
     parameters = node.vehicle.parameters
-    port.transfers[PARAMETERS] = (parameter_value(parameters, name) for name in parameters.names)
+    port.transfers[PARAMETER_LIST] = (parameter_value(parameters, name) for name in parameters.names)
 
 
 def request_read(node: Node, port: Port, message: Message) -> None:

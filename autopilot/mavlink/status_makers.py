@@ -125,7 +125,7 @@ def sys_status(v: TelemetrySource) -> Fields:
         SENSOR_RC: v.commander.flight.sticks.fresh(v.state.time_us, v.parameters["COM_RC_LOSS_T"]),
         PREARM_CHECK: v.commander.armed or not v.commander.arming_failures(),
     }
-    good = sum(bits for bits, good in is_good.items() if good) & present
+    good = sum(bits for bits, is_set in is_good.items() if is_set) & present
     has_battery = health.battery
     return (
         present, present, good, 200,

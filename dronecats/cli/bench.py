@@ -45,13 +45,13 @@ def add_bench_options(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     """Fly. Return 0 if everything was flown, 3 if a flight ended in an error or the budget is spent."""
+    if args.episodes[:1] == [EXPORT]:
+        return _export(args)
+    interrupt_on_signals()
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
     from dronecats.cli import bench_spec, campaign
 
-    if args.episodes[:1] == [EXPORT]:
-        return _export(args)
-    interrupt_on_signals()
     args = bench_spec.with_file(args)
     campaign.check_engine(args)
     suite = bench_spec.suite(args)

@@ -11,8 +11,6 @@ from dronecats.cli.output import show
 from dronecats.report.table import TableColumn, table_of
 from foundation.errors import UsageError
 from foundation.run_folder.layout import EPISODE
-from foundation.run_folder.reading import episode_folder, read
-from foundation.run_folder.rows import drone_label
 
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +42,7 @@ def add_compare_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Compare the paths. Return 0 if they agree over --seconds, else 1."""
     from dronecats.report.path_comparison import compare, figures, same_replies
+    from foundation.run_folder.reading import episode_folder, read
 
     for name in ("within", "seconds"):
         value = getattr(args, name)
@@ -76,11 +75,15 @@ def run(args: argparse.Namespace) -> int:
 
 def _record(path: Path) -> bytes:
     """Return the bytes of a flight's episode record; empty if it has none."""
+    from foundation.run_folder.reading import episode_folder
+
     file = episode_folder(path) / EPISODE
     return file.read_bytes() if file.is_file() else b""
 
 
 def _print(result: dict[str, Any]) -> None:
+    from foundation.run_folder.rows import drone_label
+
     heads = {"from_s": ("from", "s", 0), "to_s": ("to", "s", 1), "max_m": ("max", "m", 2), "mean_m": ("mean", "m", 2),
              "rms_m": ("rms", "m", 2)}  # fmt: skip
     columns = [TableColumn(name=n, title=t, unit=u, decimals=d) for n, (t, u, d) in heads.items()]

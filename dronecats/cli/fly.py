@@ -66,9 +66,9 @@ def no_options() -> argparse.Namespace:
 
 def run(args: argparse.Namespace) -> int:
     """Fly one episode. Return 0 if it was flown to its end, 130 if interrupted, 2 or 3 after an error."""
+    interrupt_on_signals()
     from dronecats.cli.fly_spec import replay_line, spec_of
 
-    interrupt_on_signals()
     spec, view = spec_of(args), view_of(args)
     if spec.connected and spec.connected.authority.arm:
         _confirm(spec.connected.url)

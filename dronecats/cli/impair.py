@@ -68,7 +68,7 @@ def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
     options = {name: (quantity, getattr(args, quantity.name)) for name, quantity in QUANTITIES.items()}
     pairs = {name: _pair(quantity, text) for name, (quantity, text) in options.items() if text is not None}
     if "queue_bytes" in pairs and not any(pairs.get("baud", ())):
-        raise UsageError("--queue goes with --baud, which makes a serial line. Add it, or leave --queue out")
+        raise UsageError("--queue needs a --baud above 0, which makes a serial line. Add it, or leave --queue out")
     directions = []
     for direction in (0, 1):
         values: dict[str, Any] = {name: pair[direction] for name, pair in pairs.items()}

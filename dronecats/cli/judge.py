@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
-from dronecats.judge.diagnostics import distances_sentence
 from dronecats.report.table import CellValue, ReportTable, in_blocks, numbers, row, table_of, words
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.wording import counted
@@ -105,6 +104,7 @@ def _line(name: str, episode: "JudgedEpisode") -> tuple[CellValue, ...]:
 
 def _remarks(episode: "JudgedEpisode") -> list[str]:
     from dronecats.judge.commanding import commanding_sentence
+    from dronecats.judge.diagnostics import distances_sentence
 
     verdict = episode.verdict
     remarks = [

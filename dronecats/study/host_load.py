@@ -177,8 +177,10 @@ class Marking:
     moved: int
     marked: int  # flights that `bench` marks as delayed by the host
     both: int  # flights that are marked and moved
-    precision: tuple[float, float, float] | None  # share of the marked that moved, and Wilson's interval; None: no such
-    recall: tuple[float, float, float] | None  # share of the moved that are marked, and its interval; None: no such
+    precision: (
+        tuple[float, float, float] | None
+    )  # share of the marked that moved, Wilson's interval; None: none is marked
+    recall: tuple[float, float, float] | None  # share of the moved that are marked, and its interval; None: none moved
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

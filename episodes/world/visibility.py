@@ -92,12 +92,12 @@ class HardSolids:
         return best, self._instances[found].name if found >= 0 else ""
 
     def clearance_m(self, point: Vec3) -> float:
-        """Return the distance (m) from a point to the nearest surface."""
+        """Return the distance (m) from a point to the nearest surface. Leaves do not count."""
         return self.nearest(point)[0]
 
 
 class Solids(HardSolids):
-    """Static solids, indexed for ray casting."""
+    """Static solids, indexed for ray casting. Leaves hide things too, but do not count for distances."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
         super().__init__(instances)

@@ -113,7 +113,8 @@ class SceneView:
 
     def _place(self, name: str, shown: _Object) -> None:
         place = {"position": display.place_of(shown.place), "wxyz": display.wxyz_of(shown.yaw)}
-        self._gizmos.put(name, partial(self._add_gizmo, name), **({} if name == self._held else place))
+        is_dragged = name == self._held and name in self._looks
+        self._gizmos.put(name, partial(self._add_gizmo, name), **({} if is_dragged else place))
         if self._looks.get(name) != shown.look:
             shown.add(f"/edit/{name}")  # replaces the shape
             self._looks[name] = shown.look

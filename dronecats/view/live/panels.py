@@ -41,6 +41,7 @@ class FlightPanels:
         self.judge_shown = False
         gui = server.gui
         self._pictures = gui.add_panel() if piloted else None
+        self._shown: list[tuple[ShownPicture | None, Decision | None]] = []  # per drone, as in `newest_decided`
         self._frames = self._add_frames(self._pictures) if self._pictures is not None else None
         self._folder = gui.add_folder("Flight")
         with self._folder:
@@ -76,7 +77,9 @@ class FlightPanels:
             self._state.content = state_html(moment)
             drones = moment.drones[: self._drones]
             if self._frames is not None:
-                self._frames.content = frames_html(drones)
+                shown = [newest_decided(drone) for drone in drones]
+                if shown != self._shown:  # encoding large pictures takes a while
+                    self._shown, self._frames.content = shown, frames_html(drones)
                 self._pilots.content = decisions_html(drones)
             self._numbers.content = numbers_html(drones)
             self._messages.content = messages_html(moment.drones)

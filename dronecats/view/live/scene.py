@@ -273,7 +273,8 @@ class FlightScene:
         if here is None:
             return
         x, y, z = display.place_of(here)
-        if self._anchor is None:
+        anchor = self._anchor  # read once, because `follow` resets it from another thread
+        if anchor is None:
             a, b, c = self.offset
-            self._anchor = (a + x, b + y, c + z)
-        self._world.position = (self._anchor[0] - x, self._anchor[1] - y, self._anchor[2] - z)
+            anchor = self._anchor = (a + x, b + y, c + z)
+        self._world.position = (anchor[0] - x, anchor[1] - y, anchor[2] - z)

@@ -163,13 +163,12 @@ class SceneNodes:
         """The names of the nodes, in the order in which they were added."""
         return tuple(self._nodes)
 
-    def put(self, name: str, add: Callable[[str], Any], **properties: Any) -> Any:
-        """Set properties of a node, and return it. `add(path)` adds the node if it does not exist."""
+    def put(self, name: str, add: Callable[[str], Any], **properties: Any) -> None:
+        """Set properties of a node. `add(path)` adds the node if it does not exist."""
         if name not in self._nodes:
             self._nodes[name] = add(f"{self._root}/{name}")
         for key, value in properties.items():
             setattr(self._nodes[name], key, value)
-        return self._nodes[name]
 
     def lines(self, name: str, points: Any, color: tuple[int, int, int], width_px: float) -> None:
         """Show line segments as in `add_lines`; without segments, remove the node."""

@@ -9,7 +9,6 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,15 +70,19 @@ class StaticObstacles(HardSolids):
 
     def __init__(self, instances: Iterable[Instance]) -> None:
         super().__init__(i for i in instances if i.kind != "ground")
-        self._triangles = cache(lambda k: replace(self._instances[k], mesh=self._hard[k]).triangles_ned())
+        self._triangles: dict[int, Array] = {}  # of the obstacles that `overlapping` has met, m NED
 
     def overlapping(self, box: Box, but: str = "") -> str:
         """Return the name of an obstacle whose surface overlaps the box, or ''. The obstacle named `but` is ignored."""
         reach = np.abs(turn(box.yaw)) @ box.half
         low, high = box.centre_ned - reach, box.centre_ned + reach
         near = (self._boxes[:, 0] <= high).all(axis=1) & (self._boxes[:, 1] >= low).all(axis=1)
-        for k in np.flatnonzero(near):
-            if self._instances[k].name != but and overlaps(self._triangles(int(k)), box):
+        for k in map(int, np.flatnonzero(near)):
+            if self._instances[k].name == but:
+                continue
+            if k not in self._triangles:
+                self._triangles[k] = replace(self._instances[k], mesh=self._hard[k]).triangles_ned()
+            if overlaps(self._triangles[k], box):
                 return self._instances[k].name
         return ""
 

@@ -3,7 +3,6 @@
 import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import cv2
@@ -41,7 +40,7 @@ class Images:
     def __init__(self, document: Document, used: Iterable[int]) -> None:
         """Measure the pictures that will be used. Raises UsageError if one is too large, or neither PNG nor JPEG."""
         self._document = document
-        self.picture = cache(self._decoded)
+        self._pictures: dict[tuple[int, float | None], tuple[Picture, NDArray[np.bool_] | None]] = {}
         self._data = {k: self._bytes_of(k) for k in sorted(set(used))}
         self._sizes = {k: self._measured(k, data) for k, data in self._data.items()}
         for self._side in SIDES:
@@ -66,11 +65,16 @@ class Images:
             )
         return size
 
-    def _decoded(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
+    def picture(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
         """Return an image (H, W, 3) sRGB and the mask (H, W) of its opaque texels, those with alpha ≥ `cutoff`.
 
         The mask is None if the image has no holes or `cutoff` is None. See `fill_holes` for the colour of holes.
         """
+        if (index, cutoff) not in self._pictures:
+            self._pictures[index, cutoff] = self._decoded(index, cutoff)
+        return self._pictures[index, cutoff]
+
+    def _decoded(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
         try:
             raw = cv2.imdecode(np.frombuffer(self._data[index], np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:

@@ -82,12 +82,17 @@ class Shapes:
         self._looks = looks
         self._plain = TexturedMaterial(Material("plain", (1.0, 1.0, 1.0)))
         self._tint = cache(_tinted)  # materials are compared by identity
-        self.mesh = cache(self._read)
+        self._meshes: dict[int, Mesh | None] = {}
         self._read_vertices = self._kept_vertices = 0
         self.left_out = 0  # primitives of points and lines, which have no surface
 
-    def _read(self, index: int) -> Mesh | None:
+    def mesh(self, index: int) -> Mesh | None:
         """Return a mesh in FRD axes; None if it has no triangles. Raises UsageError if it is invalid or too large."""
+        if index not in self._meshes:
+            self._meshes[index] = self._read(index)
+        return self._meshes[index]
+
+    def _read(self, index: int) -> Mesh | None:
         raw: dict[Any, _Block] = {}  # vertices in the order of the file
         made: dict[Any, _Block] = {}  # vertices in the order of the new mesh
         triangles, which = [], []
