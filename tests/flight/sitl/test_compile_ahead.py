@@ -43,8 +43,7 @@ def test_compilation_is_parallel_until_the_plant_is_cached(tmp_path: Path, monke
 
 KERNELS = """
 import sys
-from dronecats.flight.sitl import camera, compile_ahead
-from dronecats.flight.sitl import simulation as scenario
+from dronecats.flight.sitl import camera, compile_ahead, episode_world
 from foundation.camera import CameraModel
 
 def compiled():
@@ -55,7 +54,7 @@ def compiled():
 compile_ahead.compile_camera()
 before = compiled()
 assert any(before.values())
-world = scenario.load_world("residential-approaching-01", "x500", 1)
+world = episode_world.load_world("residential-approaching-01", "x500", 1)
 camera._warm.clear()
 camera.WorldCamera(world, CameraModel(), lambda data: None).warm_up()
 assert compiled() == before
