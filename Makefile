@@ -36,9 +36,9 @@ test: install-dev
 prepared: install-dev
 	$(BIN)/python -m tests.support.prepared
 
-# Whole flights in real time, commands of the docs, browsers, fits.
+# Whole flights in real time, commands of the docs, browsers, fits. Their order is that of tests/conftest.py.
 test-slow: install-dev
-	$(PYTEST) -n 2 --dist loadgroup -m slow
+	$(PYTEST) -n 3 --dist loadgroup --no-loadscope-reorder -m slow
 
 # Scripts of other projects. docs/compatibility.md defines EXAMPLES and MAVSDK3 and is written by this target.
 compatibility: install-dev

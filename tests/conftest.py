@@ -23,6 +23,16 @@ settings.load_profile("unhurried")
 
 LONG_S = 30.0  # a longer test must give a reason as the argument of its mark `slow`
 
+# The slow files that take longest begin first. Otherwise one worker would run one of them while the others are done.
+LONGEST = (
+    "tests/bench/test_cluster.py",
+    "tests/system/test_realtime.py",
+    "tests/system/test_wheel.py",
+    "tests/benchmarks/test_short_forms.py",
+    "tests/system/test_connected.py",
+    "tests/system/test_courses.py",
+)
+
 guard = natures.Guard()
 
 
@@ -44,6 +54,11 @@ def pytest_itemcollected(item):
         item.user_properties.append(("reason", " ".join(slow.args)))
         if item.get_closest_marker("xdist_group") is None:  # one worker runs the file: its tests share flights
             item.add_marker(pytest.mark.xdist_group(item.nodeid.partition("::")[0]))
+
+
+def pytest_collection_modifyitems(items):
+    places = {file: place for place, file in enumerate(LONGEST)}
+    items.sort(key=lambda item: places.get(item.location[0], len(LONGEST)))
 
 
 @pytest.hookimpl(wrapper=True)

@@ -1,8 +1,10 @@
-"""The slow tests of one file run in one pytest-xdist worker, because they share flights."""
+"""The slow tests of one file run in one pytest-xdist worker, because they share flights. The longest files run first."""
 
 import os
 import subprocess
 import sys
+
+from tests.conftest import LONGEST
 
 SLOW_FILE = """
 import os
@@ -27,3 +29,7 @@ def test_slow_tests_of_one_file_run_in_one_worker(pytestconfig, tmp_path):
     subprocess.run(command, check=True, cwd=tmp_path, env=environment, capture_output=True)
     for name in ("test_one.py", "test_other.py"):
         assert len({path.read_text() for path in tmp_path.glob(f"{name}-*.txt")}) == 1
+
+
+def test_the_files_that_begin_first_exist(pytestconfig):
+    assert [file for file in LONGEST if not (pytestconfig.rootpath / file).exists()] == []
