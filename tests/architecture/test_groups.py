@@ -1,4 +1,4 @@
-"""The slow tests of one file run in one pytest-xdist worker, because they share flights. The longest files run first."""
+"""Slow tests of one file run in one pytest-xdist worker, because they share flights. The longest files run first."""
 
 import os
 import subprocess
