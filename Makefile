@@ -20,6 +20,7 @@ install-dev: $(VENV)/dev.installed
 # Ruff, mypy and the import contracts.
 check: install-dev
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
