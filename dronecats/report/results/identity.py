@@ -21,9 +21,9 @@ from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"  # do not change: digests in archives include it. WORDS has the text for people
+RECORDED, NOT_RECORDED = "told", "not told"  # do not change: digests in archives include them
 # value of an identity → its text in a sentence
-WORDS = {NOT_RECORDED: "not recorded", "told": "recorded", "null": "none", "{}": "nothing"}
+WORDS = {NOT_RECORDED: "not recorded", RECORDED: "recorded", "null": "none", "{}": "nothing"}
 KEYS_SHOWN = 4  # a sentence lists at most this many keys of a JSON object
 NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
@@ -171,7 +171,7 @@ def _run_values(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozens
         value = configuration.get(key, NOT_RECORDED)
         yield name, _value(agent_name(flight_fields.get("agent") or value) if key == "agent" else value)
     protocol = configuration.get("protocol")
-    yield "the protocol", frozenset({"told" if isinstance(protocol, dict) else NOT_RECORDED})
+    yield "the protocol", frozenset({RECORDED if isinstance(protocol, dict) else NOT_RECORDED})
     for name, leaf in _set_leaves(protocol if isinstance(protocol, dict) else {}):
         yield f"the protocol's {name}", _value(leaf)
     suite = configuration.get("suite")
