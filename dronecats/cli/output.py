@@ -62,43 +62,54 @@ def print_note(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-class Lossy(io.FileIO):
-    """A file descriptor that becomes the null device when a write fails.
+class Printing(io.TextIOWrapper):
+    """A text stream that writes no control characters, so that no text can control the terminal, and that never fails.
 
-    `on_loss` is called once, with the error. `fault` is that error, but None if the reader (for example `head`) closed
-    the pipe.
+    After a failed write the file descriptor becomes the null device, and `on_loss` is called once. `fault` is the
+    error, but None if the reader (for example `head`) closed the pipe. Below this class is no Python code: it could be
+    interrupted between the write and its return, and the text would be written a second time.
     """
 
-    def __init__(self, descriptor: int, on_loss: Callable[[OSError], None] = lambda error: None) -> None:
-        super().__init__(descriptor, "wb", closefd=False)
+    def __init__(
+        self,
+        descriptor: int,
+        encoding: str,
+        errors: str,
+        *,
+        by_line: bool = False,
+        on_loss: Callable[[], object] = bool,
+    ) -> None:
+        raw = io.FileIO(descriptor, "wb", closefd=False)
+        super().__init__(io.BufferedWriter(raw), encoding, errors, line_buffering=by_line)
         self._on_loss = on_loss
         self.fault: OSError | None = None
 
-    def write(self, data: Any, /) -> int:
-        """Write data and return the number of bytes written; after a failed write, return the length of `data`."""
-        try:
-            return super().write(data)
-        except OSError as error:
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, self.fileno())
-            os.close(null)
-            self.fault = error if error.errno != errno.EPIPE else None
-            with contextlib.suppress(OSError):
-                self._on_loss(error)
-            return memoryview(data).nbytes
-
-
-class Printing(io.TextIOWrapper):
-    """A text stream whose `write` writes no control characters, so that no text can control the terminal."""
-
     def write(self, text: str, /) -> int:
         """Write a text without control characters. Return the number of characters in `text`."""
-        super().write(printable(text))
+        self.draw(printable(text))
         return len(text)
 
     def draw(self, text: str) -> None:
         """Write text unchanged. A terminal may get only text of this program."""
-        super().write(text)
+        try:
+            super().write(text)
+        except OSError as error:
+            self._lose(error)
+
+    def flush(self) -> None:
+        """Write what is buffered."""
+        try:
+            super().flush()
+        except OSError as error:
+            self._lose(error)
+
+    def _lose(self, error: OSError) -> None:
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, self.fileno())
+        os.close(null)
+        self.fault = error if error.errno != errno.EPIPE else None
+        with contextlib.suppress(OSError):
+            self._on_loss()
 
 
 class Drawing:
@@ -119,16 +130,16 @@ class Output:
     def __init__(self, note: str | None = None) -> None:
         """`note` is printed on standard error if standard output loses its reader."""
         self._note = note
-        self._raw: Lossy | None = None
+        self._stdout: Printing | None = None
         self._before = (sys.stdout, sys.stderr)
 
     def __enter__(self) -> "Output":
         # keep the streams if a test, or a program that imports this module, has replaced them
         if sys.__stderr__ is not None and sys.stderr is sys.__stderr__:
-            sys.stderr = _text(sys.stderr, Lossy(sys.stderr.fileno()), "backslashreplace")
+            sys.stderr = _text(sys.stderr, "backslashreplace")
         if sys.__stdout__ is not None and sys.stdout is sys.__stdout__:
-            self._raw = Lossy(sys.stdout.fileno(), self._print_note)
-            sys.stdout = _text(sys.stdout, self._raw, "replace")  # a terminal without ° or ≤ shows a question mark
+            # a terminal without ° or ≤ shows a question mark
+            sys.stdout = self._stdout = _text(sys.stdout, "replace", self._print_note)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -143,18 +154,18 @@ class Output:
     def fault(self) -> str | None:
         """Return why writing the output failed, such as a full disk; None for no failure and for a closed pipe."""
         self._flush()
-        error = self._raw.fault if self._raw else None
+        error = self._stdout.fault if self._stdout else None
         return (error.strerror or str(error)) if error else None
 
-    def _print_note(self, error: OSError) -> None:
+    def _print_note(self) -> None:
         if self._note:
             print(self._note, file=sys.stderr)
 
 
-def _text(stream: Any, raw: Lossy, errors: str) -> Printing:
+def _text(stream: Any, errors: str, on_loss: Callable[[], object] = bool) -> Printing:
     stream.flush()
     by_line = stream.line_buffering or stream.write_through  # write_through: Python runs unbuffered
-    return Printing(io.BufferedWriter(raw), stream.encoding, errors, line_buffering=by_line)
+    return Printing(stream.fileno(), stream.encoding, errors, by_line=by_line, on_loss=on_loss)
 
 
 class Live:

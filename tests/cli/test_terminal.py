@@ -1,17 +1,20 @@
 """Texts of a model or a server reach the terminal as plain text. The tests start the real program."""
 
-import io
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import tempfile
+import threading
+import time
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.cli.output import Drawing, Lossy, Printing
+from dronecats.cli.output import Drawing, Printing
 from foundation.wording import printable
 from tests.agent.models.pointing import wrapped
 from tests.agent.models.recording import Recording
@@ -61,23 +64,51 @@ def test_command_line_arguments_are_escaped():
 
 @given(st.lists(st.text()))
 def test_an_output_stream_writes_no_control_characters(texts):
-    raw = io.BytesIO()
-    stream = Printing(raw, "utf-8", "backslashreplace")
-    assert [stream.write(text) for text in texts] == [len(text) for text in texts]
-    stream.writelines(texts)
-    print(*texts, file=stream, flush=True)
-    assert not STEERS.search(raw.getvalue().decode())
+    with tempfile.TemporaryFile() as file:
+        stream = Printing(file.fileno(), "utf-8", "backslashreplace")
+        assert [stream.write(text) for text in texts] == [len(text) for text in texts]
+        stream.writelines(texts)
+        print(*texts, file=stream, flush=True)
+        file.seek(0)
+        assert not STEERS.search(file.read().decode())
 
 
 def test_only_progress_bars_may_write_a_carriage_return(monkeypatch):
     reading, writing = os.pipe()
-    stream = Printing(io.BufferedWriter(Lossy(writing)), "utf-8")
-    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(sys, "stderr", Printing(writing, "utf-8", "strict"))
     for file in (Drawing(), sys.stderr):
         print("\r50 %", end="", file=file, flush=True)
     os.close(writing)
     with open(reading, "rb") as pipe:
         assert pipe.read() == b"\r50 %\\u000d50 %"
+
+
+def test_a_text_is_written_once_if_a_signal_interrupts_it():
+    received: list[bytes] = []
+
+    def read():
+        while part := os.read(reading, 4096):
+            received.append(part)
+            if b"." in part:
+                os.kill(os.getpid(), signal.SIGUSR1)  # the writer has not yet returned from its system call
+
+    reading, writing = os.pipe()
+    before = signal.signal(signal.SIGUSR1, signal.default_int_handler)
+    reader = threading.Thread(target=read)
+    reader.start()
+    stream = Printing(writing, "utf-8", "strict")
+    interrupted = 0
+    for _ in range(300):
+        try:
+            print(".", file=stream, flush=True)
+            time.sleep(1.0)  # until the signal
+        except KeyboardInterrupt:
+            interrupted += 1
+    os.close(writing)
+    reader.join()
+    signal.signal(signal.SIGUSR1, before)
+    assert interrupted == 300
+    assert b"".join(received).count(b".") == 300
 
 
 def test_progress_stays_on_one_terminal_line(tmp_path):
