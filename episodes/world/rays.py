@@ -116,8 +116,7 @@ def _prepared(
 
 def _embree_scene(triangles: NDArray[np.float32]) -> EmbreeScene:
     scene = EmbreeScene()
-    corners = np.ascontiguousarray(triangles.reshape(-1, 3))
-    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    TriangleMesh(scene, triangles)
     return scene
 
 
