@@ -160,6 +160,15 @@ def test_the_same_runs_give_the_same_page(tmp_path):
     assert page_of(tmp_path / "one", run).read_bytes() == second.read_bytes()  # over an older page
 
 
+def test_a_page_over_an_older_one_removes_the_flights_that_it_does_not_show(tmp_path):
+    runs = [run_folder(tmp_path / f"runs/{name}", {"yard-approaching-01": "go"}) for name in ("one", "two")]
+    page_of(tmp_path / "report", *runs)
+    own = tmp_path / "report/data/mine.js"
+    own.write_text("a file of the user")
+    page_of(tmp_path / "report", runs[1])
+    assert sorted(tmp_path.glob("report/data/**/*.js")) == [own, tmp_path / "report/data/two/yard-approaching-01.js"]
+
+
 def test_pictures_are_links_to_the_frames_of_the_run(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"})
     page_of(tmp_path / "report", run)

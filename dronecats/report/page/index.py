@@ -4,7 +4,7 @@ import html
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -189,9 +189,12 @@ def remove_page(out: Path) -> None:
             _remove_files(out)
 
 
-def _remove_files(out: Path) -> None:
-    """Remove the files of flights and pictures of a page, and the folders that this empties. Files of the user stay."""
-    for data in out.glob(f"{DATA}/*/*.js"):
+def _remove_files(out: Path, kept: Iterable[Path] = ()) -> None:
+    """Remove the flights of a page except those in `kept`, their pictures, and folders that this empties.
+
+    Files of the user stay.
+    """
+    for data in {*out.glob(f"{DATA}/*/*.js")}.difference(kept):
         with data.open("rb") as file:
             if file.read(len(CALL)) != CALL.encode():
                 continue
@@ -212,7 +215,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     had_page = (out / PAGE).exists()
     places = {run.folder: number for number, run in enumerate(collection.runs)}
     named = _named(collection)
-    episodes, blocks, seen_grounds = [], {}, []
+    episodes, blocks, seen_grounds, written = [], {}, [], []
     for scored, name in zip(collection.episodes, named, strict=True):
         number = places[scored.run.folder]
         key = f"{runs[number]['key']}/{name}"
@@ -228,6 +231,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
             path = out / DATA / f"{key}.js"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(f"{CALL}{script_json(key)},{data});\n", encoding="ascii")
+            written.append(path)
         ground = ground_key(scored.folder) if data is not None else ""
         seen_grounds.append(ground)
         episodes.append(_page_episode(scored, metrics, name, number, ground, damage, data is not None))
@@ -257,8 +261,8 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
     page = out / PAGE
     with whole_file(page) as draft, draft.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(shell.page(content, {f"flight:{key}": block for key, block in blocks.items()}))
-    if embed and had_page:
-        _remove_files(out)
+    if had_page:
+        _remove_files(out, written)
     return page
 
 
