@@ -23,7 +23,7 @@ from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Vec3, quat_from_euler
-from foundation.protocol import GO, POINT_SPAN, RADIUS_M, ROTATE
+from foundation.protocol import POINT_SPAN, RADIUS_M
 from foundation.run_folder import layout
 from foundation.run_folder.reading import Logs, json_object, truth
 from foundation.run_folder.rows import Decision, FrameTruth, Pose, drone_label
@@ -219,20 +219,8 @@ def _frame(axes: Axes, flight: JudgedFlight, decision: Decision) -> None:
     drone = f" {drone_label(decision.drone)}" if any(d.drone for d in flight.logs.decisions) else ""
     good = qualifies(decision, flight.logs)
     color = {True: "#0b7a22", False: _REJECTED, None: "black"}[good]
-    caption = f"{decision.step}{drone}  {decision.t_frame:.0f} s  {describe(decision)}"
+    caption = f"{decision.step}{drone}  {decision.t_frame:.0f} s  {decision.action_or_reason(30)}"
     axes.set_title(caption, fontsize=9, pad=3, color=color, loc="left", parse_math=False)
-
-
-def describe(decision: Decision) -> str:
-    action = decision.action
-    if action is None:
-        return "no action: " + textwrap.shorten(decision.error or "unreadable reply", 30, placeholder="…")
-    if decision.kind == GO:
-        x, y = action["point"]
-        return f"go ({x:.0f}, {y:.0f}) {action['depth_m']:.1f} m"
-    if decision.kind == ROTATE:
-        return f"rotate {action['angle_deg']:+.0f}°"
-    return str(decision.kind)
 
 
 def _select_decisions(logs: Logs) -> list[Decision]:

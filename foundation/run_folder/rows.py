@@ -8,13 +8,14 @@ Readers ignore unknown fields.
 mypy, the strict reader (`reading.py`) and the published schemas (`schemas/`) all use the annotations.
 """
 
+import textwrap
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
 from foundation.measurement import Distance, Place, TargetMeasurement, Visible, doc
-from foundation.protocol import FINISHED, GO
+from foundation.protocol import FINISHED, GO, ROTATE
 from foundation.typed_file import LARGE, Number
 
 DRONES = 255  # one for each system id of MAVLink
@@ -143,6 +144,24 @@ class Decision:
         numbers = [*point, depth_m] if isinstance(point, list) and len(point) == 2 else []
         valid = [float(n) for n in numbers if isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < LARGE]
         return PointedGo(*valid) if len(valid) == 3 else None
+
+    @property
+    def action_words(self) -> str:
+        """The action in a few words, such as `go (512, 700) 6.5 m` or `rotate 30° left`."""
+        if self.action is None:
+            return "no action"
+        if (go := self.go) is not None:
+            return f"go ({go.x:.0f}, {go.y:.0f}) {go.depth_m:.1f} m"
+        angle_deg = self.action.get("angle_deg")
+        if self.kind == ROTATE and isinstance(angle_deg, int | float):
+            return f"rotate {abs(angle_deg):.0f}° {'left' if angle_deg < 0 else 'right'}"
+        return f"{FINISHED} (report)" if self.kind == FINISHED and self.report is True else str(self.kind)
+
+    def action_or_reason(self, width: int = 60) -> str:
+        """Return `action_words`, or the reason why there is no action, cut to `width` characters."""
+        if self.action is not None:
+            return self.action_words
+        return f"no action: {textwrap.shorten(self.error or 'the reply holds none', width, placeholder='…')}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

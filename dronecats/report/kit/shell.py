@@ -9,14 +9,11 @@ import base64
 import hashlib
 import html
 import re
-import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 
 from dronecats.report.kit import palette
-from foundation.protocol import FINISHED, GO, ROTATE
-from foundation.run_folder.rows import Decision
 
 _FIELD = re.compile("{{(policy|title|style|trail|tools|main|more|script)}}")
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
@@ -116,23 +113,3 @@ OUTCOMES = {  # outcome → mark and word
     "unknown": ("?", "unknown"),
     "distance only": ("?", "distance only"),
 }
-
-
-def action_words(decision: Decision) -> str:
-    """Return the action of a decision in a few words, such as `go (512, 700) 6.5 m` or `rotate 30° left`."""
-    action = decision.action
-    if action is None:
-        return "no action"
-    kind, point, depth_m, angle_deg = (action.get(key) for key in ("action", "point", "depth_m", "angle_deg"))
-    if kind == GO and isinstance(point, list) and len(point) == 2 and isinstance(depth_m, int | float):
-        return f"go ({point[0]:.0f}, {point[1]:.0f}) {depth_m:.1f} m"
-    if kind == ROTATE and isinstance(angle_deg, int | float):
-        return f"rotate {abs(angle_deg):.0f}° {'left' if angle_deg < 0 else 'right'}"
-    return f"{FINISHED} (report)" if kind == FINISHED and decision.report is True else str(kind)
-
-
-def action_or_reason(decision: Decision) -> str:
-    """Return the action of a decision in a few words, or the reason why the decision has no action."""
-    if decision.action is not None:
-        return action_words(decision)
-    return f"no action: {textwrap.shorten(decision.error or 'the reply holds none', 60, placeholder='…')}"

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from dronecats.judge.verdict import qualifies
-from dronecats.report.kit.shell import action_words
 from dronecats.report.page.pictures import PictureAddress
 from dronecats.report.recorded.flight import RecordedFlight, action_of
 from foundation.frames import Vec3
@@ -70,7 +69,7 @@ def _step(
         t=_rounded(2, decision.t_frame),  # s, time of the picture
         decided=_rounded(2, decision.t_decided),  # s, time of the decision
         action=decision.action,
-        does=action_words(decision),  # the action in words
+        does=decision.action_words,  # the action in words
         says=None if action is None else action.line,  # the action in the prompt's compact form
         error=decision.error,
         reply=index(decision.reply) if isinstance(decision.reply, str) else None,

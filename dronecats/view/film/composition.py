@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.flight.picture import describe
 from dronecats.judge.verdict import qualifies
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.view.film.chase import FilmStage, chase, chase_lens, obstacles_of
@@ -183,7 +182,7 @@ def action_words(flight: RecordedFlight, drone: int, t: float) -> tuple[str, Ink
     good = qualifies(decision, flight.logs, flight.delta_m, flight.cap_s)
     color = {True: GREEN, False: RED, None: YELLOW}[good]
     rejected = f" · not within {flight.delta_m:g} m and in view" if good is False else ""
-    return f"step {decision.step}   {describe(decision)}{rejected}", color
+    return f"step {decision.step}   {decision.action_or_reason()}{rejected}", color
 
 
 def is_decided(flight: RecordedFlight, t: float) -> bool:

@@ -11,7 +11,6 @@ import viser
 from msgspec import UNSET
 
 from dronecats.report.kit.palette import DARK, LIGHT, MARKS
-from dronecats.report.kit.shell import action_or_reason
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go
 from dronecats.view.scene.page import by_user
 from foundation.protocol import POINT_SPAN
@@ -152,7 +151,7 @@ def decisions_html(drones: Sequence[DroneMoment]) -> str:
             replies.setdefault((decision.step, str(decision.reply)), []).append(drone)
     for drone in drones:
         decision = drone.decision
-        words = "no decision yet" if decision is None else action_or_reason(decision)
+        words = "no decision yet" if decision is None else decision.action_or_reason()
         html += (
             f'<div class="action" data-drone="{drone.drone}" style="font-size:13px;font-weight:600;color:{ACCENT};'
             f'padding:3px 10px 0"><span style="opacity:0.65">{drone_label(drone.drone)}</span> {escape(words)}</div>'
@@ -172,7 +171,7 @@ def decision_html(drone: DroneMoment) -> str:
         return _box(_small("no decision yet"))
     return _box(
         f'<div class="action" data-step="{decision.step}" style="font-size:14px;font-weight:600;color:{ACCENT};'
-        f'margin:2px 0 4px">{escape(action_or_reason(decision))}</div>' + _reply_html(drone, decision)
+        f'margin:2px 0 4px">{escape(decision.action_or_reason())}</div>' + _reply_html(drone, decision)
     )
 
 

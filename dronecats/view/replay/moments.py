@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from dronecats.judge.verdict import Measured, measured, qualifies
-from dronecats.report.kit.shell import action_or_reason
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
 from dronecats.view.live.moment import ChosenSight, DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go, sight
@@ -65,7 +64,7 @@ def neighbour(sequence: Sequence[Occurrence], t_s: float, ahead: bool) -> Occurr
 
 def _decisions(logs: Logs) -> Iterator[Occurrence]:
     for decision in logs.decisions:
-        t_s, drone, words = decision.t_decided, decision.drone, f"step {decision.step}: {action_or_reason(decision)}"
+        t_s, drone, words = decision.t_decided, decision.drone, f"step {decision.step}: {decision.action_or_reason()}"
         yield Occurrence(t_s, OccurrenceKind.DECISION, drone, words)
         if decision.declares:
             yield Occurrence(t_s, OccurrenceKind.DECLARATION, drone, f"step {decision.step}: declared")

@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 from benchmarks.page_client import PageClient
-from dronecats.report.kit.shell import action_or_reason
 from dronecats.view.editor.draft import Drafting
 from dronecats.view.live import panels as markup
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment
@@ -296,7 +295,7 @@ def test_actions_are_described_in_words():
         decision = Decision(
             step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=action, error="nothing said"
         )
-        assert re.search(parts, action_or_reason(decision)), action
+        assert re.search(parts, decision.action_or_reason()), action
 
 
 def test_a_drone_without_data_is_shown():
