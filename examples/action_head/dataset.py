@@ -46,7 +46,7 @@ class Decisions:
 
 @dataclass(frozen=True, slots=True)
 class _Row:
-    """A frame of the dataset."""
+    """A decision of the dataset, with its picture."""
 
     picture: NDArray[np.uint8]
     action: NDArray[np.float32]

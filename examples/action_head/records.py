@@ -26,7 +26,7 @@ _APART_M = 0.5  # two starts that are nearer to each other than this count as th
 
 
 def requests(share: float = 1.0) -> list[RecordRequest]:
-    """Return the first `share` (above 0, up to 1) of the requests. Maps and cells alternate, so any share is mixed."""
+    """Return the first `share` (above 0, up to 1) of the requests. Any share has all maps and cells."""
     turns = math.ceil(max(REQUESTS.values()) * share)
     return [
         RecordRequest(name, cell, FIRST_ID + BATCH * turn, BATCH, 1000 + turn, FIRST_MAP_SEED + turn)
@@ -38,7 +38,7 @@ def requests(share: float = 1.0) -> list[RecordRequest]:
 
 
 def must_be_new(records: Iterable[EpisodeRecord]) -> None:
-    """Raise UsageError if a record has the map and map seed, the seed, or start and instruction of a shipped one."""
+    """Raise UsageError if a record equals a shipped one in map and map seed, in seed, or in start and instruction."""
     shipped = [catalogue.load(name) for name in catalogue.all_ids()]
     maps, seeds = {(episode.map, episode.map_seed) for episode in shipped}, {episode.seed for episode in shipped}
     for record in records:
