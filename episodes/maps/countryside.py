@@ -19,7 +19,7 @@ OVERLAP_M, DROP_M = 8.0, 0.4  # the land reaches this far under the map's edge, 
 PER_SIDE = 48  # pieces of a ring along each side of the square
 RINGS = (1.12, 1.3, 1.6, 2.0, 2.5, 3.1, 3.8, 4.7, 5.8, 7.2, 9.0, 12.0, 16.0)  # extents of rings, relative to the map
 LEVEL_M = 700.0  # distance from the map's edge at which the height of the edge has faded to 0
-HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # hills begin and are full-size this far from the edge; height scale
+HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # where hills begin and are full-size, from the edge; height scale
 TILE_M = 2600.0  # period of the pattern of fields
 FIELDS = (  # sRGB colour of a crop, and its relative frequency
     ((98, 119, 61), 6),

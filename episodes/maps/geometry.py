@@ -60,7 +60,7 @@ class MeshPart:
 
 
 def connected(a: NDArray[np.integer], b: NDArray[np.integer], count: int) -> NDArray[np.int64]:
-    """Return (count,): the number of the connected part of a graph to which each point belongs.
+    """Return for each point of a graph the number of its connected part, (count,).
 
     Edge k of the graph connects the points a[k] and b[k]. Parts are numbered from 0 in the order of their first points.
     """

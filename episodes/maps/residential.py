@@ -152,13 +152,13 @@ def _fence(
 def _fences(plot: Plot, homes: tuple[Plot, ...], terrain: HeightField) -> Iterator[Furnishing]:
     """Yield the fences at the back and sides of a garden. Adjacent gardens share a fence, which one of them yields."""
     neighbours = {round(o.along - plot.along) for o in homes if o.street is plot.street and o.side == plot.side}
-    # whether the garden is between the two streets that run east; one side meets gardens of a street that runs north
+    # whether the plot is between the two streets that run east: one side then meets gardens of a street that runs north
     is_inner = plot.street.dead and plot.along < 107.0 and abs(plot.at(0.0, DEPTH)[0]) < 60.0
     for direction in (1, -1):
         if direction == -1 and -20 in neighbours:
             continue  # the neighbouring plot yields this fence
         if is_inner and (direction > 0) == (plot.along < 0.0):
-            continue  # here is the back fence of those gardens
+            continue  # the gardens of that street have their back fence here
         edge = plot.along + direction * 9.7
         yield from _fence(plot, (edge, 18.0), (edge, DEPTH), terrain)
     if plot.street is not SECOND or plot.side > 0:

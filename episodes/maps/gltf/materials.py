@@ -16,7 +16,7 @@ from foundation.frames import Vec3
 
 MAX_SIDE = 8192
 MAX_TEXELS = 48 * 2**20  # all pictures of a map together, when reduced
-SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # px; the first that keeps MAX_TEXELS limits the side of all pictures
+SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # px; the first value that keeps MAX_TEXELS becomes the largest side
 CUTOFF = 0.5  # default of alphaCutoff: texels with a lower alpha are holes
 
 EXTRA = "dronecats_look"  # field of the extras: [red, green, blue, emission, specular, drift, foliage]

@@ -16,7 +16,7 @@ from foundation.frames import Vec3
 
 MAX_VERTICES = 3_000_000  # limit of each mesh in the file, and of all meshes together without their unused vertices
 MAX_READ = 20_000_000  # vertices read in total, before unused ones are removed
-MAX_TRIANGLES = 1_000_000  # limit of the scene; each instance counts
+MAX_TRIANGLES = 1_000_000  # limit of the scene; a mesh counts once for each instance
 MAX_COORDINATE_M = 1e6
 TINTS = 31.0  # vertex colours are rounded to the levels 0 … 31 per channel; each rounded colour becomes a material
 
