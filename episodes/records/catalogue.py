@@ -1,7 +1,7 @@
 """The shipped episodes: their ids, their suites, and the baselines of the oracle and the blind pilots.
 
 A suite is a named list of episodes. `dronecats episodes audit` writes the baselines. The oracle is a pilot that knows
-the truth; blind pilots fly fixed patterns. A declaration reports arrival.
+the truth; blind pilots fly fixed patterns. In a declaration, a pilot reports arrival.
 """
 
 from collections.abc import Sequence
@@ -119,7 +119,7 @@ def suite_ids(suite: str) -> list[str]:
 
 
 def episodes_of(suite: str | Sequence[str]) -> list[str]:
-    """Return the ids and files of a suite name, of names separated by commas, or of a sequence of these."""
+    """Return the ids and files that `suite` names: a suite, names separated by commas, or a sequence of these."""
     if isinstance(suite, str):
         return suite_ids(suite) if suite in SUITES else [name.strip() for name in suite.split(",")]
     return [name for entry in suite for name in episodes_of(entry)]

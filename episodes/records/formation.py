@@ -24,7 +24,7 @@ RINGS = 3  # rings of lattice places around the square that are tried
 
 
 def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
-    """Return the record with this number of starts. Raises UsageError if it has no room or no square of starts."""
+    """Return the record with this number of starts. Raises UsageError if the record cannot have so many."""
     if not 1 <= drones <= MAX_STARTS:
         raise UsageError(f"--drones must be a whole number from 1 to {MAX_STARTS}, got {drones}")
     if drones <= len(record.starts):

@@ -112,7 +112,7 @@ class TargetRecord:
     position_ned: MapPlace | None = None  # m, origin of the asset, on the ground under the asset's middle
     yaw_deg: Yaw | None = None
     path: Path3D | None = None
-    # for a native target, position_ned and yaw_deg repeat the pose of the instance on the map
+    # if set, position_ned and yaw_deg repeat the pose of this instance on the map
     native: Annotated[MapName, _about("The name of the instance.")] | None = None
 
 

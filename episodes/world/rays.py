@@ -13,7 +13,7 @@ from episodes.maps.scene import Instance, Mesh
 from foundation.compiled import njit
 
 NOTHING = -1  # triangle index of a ray without a hit
-BEYOND_M = 1e-4  # m behind a hole at which the ray is continued
+BEYOND_M = 1e-4  # m past a hole, where the ray continues
 MOST_HOLES = 200  # along one ray; a ray through more holes counts as blocked
 FAR = 1e30
 BEFORE = 0.999  # hits count up to this share of the way to a point, so that the point itself is no hit

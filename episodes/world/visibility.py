@@ -148,8 +148,8 @@ class SolidsExcept(Solids):
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin.
 
-        The caller passes points on the surface of `left_out` that `left_out` itself does not hide. So if the first hit
-        of a ray is on `left_out`, no other solid lies before the point of this ray.
+        The points must be on the surface of `left_out`, and `left_out` itself must not hide them. So if a ray hits
+        `left_out` first, nothing hides the point of this ray.
         """
         hits = self._scene.first_hits(origin, points - np.array(origin), BEFORE)
         hidden = (hits.triangle != NOTHING) & (hits.distance < BEFORE)

@@ -74,7 +74,7 @@ class World:
 
     @cached_property
     def solids(self) -> Solids:
-        """The static things that may hide the target. Indexing them takes a while, and most cameras do not need it."""
+        """The static things that may hide the target. Most cameras do not need them, and indexing takes a while."""
         of_map = solids(self.record.map, self.record.map_seed)
         if self._native:
             of_map = SolidsExcept(of_map, self._native)
