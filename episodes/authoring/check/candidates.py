@@ -93,7 +93,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
         for drone, start in enumerate(world.record.starts):
             past = world.fleet.among(around, world.fleet.other_starts(drone).values())
             fewest = min(fewest, patch(candidate, past, start.position_ned, level(start.yaw_deg)).pixels)
-            # other drones do not hide letters, because they move away
+            # `around` has no drones: they move away, and then hide no letters
             highest = max(highest, letters_px(candidate, text, around, start.position_ned, start.yaw_deg))
     yield at_least("the smallest visible part of a candidate", fewest, SPOTTED_PX, "pixels", 0)
     measured = f"{highest:.2f} px high" if highest else "turned away"

@@ -27,7 +27,7 @@ WIDEST_PAIR_M: Bounds = (18.0, 32.0)
 GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02  # side of the grid, and largest error of a distance between its drones
 GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
 GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
-SPOTTED_PX = 90  # least number of visible pixels of a candidate in a 1280×720 frame: 22 in the model's picture
+SPOTTED_PX = 90  # least number of visible pixels of a candidate at 1280×720; they become 22 in the model's picture
 
 # Height of letters in the 640 px picture (focal length 320 px). In the paper's reading probe, no model reads a plate
 # (0.10 m) at 10 m, where its digits are 3.2 px high. Two models read a sign (0.136 m) at 13 m, where its letters are

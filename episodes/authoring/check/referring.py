@@ -221,9 +221,9 @@ def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: fl
     """Return phrase → footprint of all landmarks that an instruction may use to distinguish things of a kind.
 
     These are the map's own landmarks of other kinds. `viewer` is the position (m, NED) of the first drone at the start.
-    `yaw_deg` is this drone's yaw if it sees the target at the start, or else None. With a yaw, things that are the only
-    ones of their kind in the drone's first picture are landmarks too, such as 'the kiosk'. The result is empty for a
-    map without its own landmarks.
+    `yaw_deg` is this drone's yaw if it sees the target at the start, or else None. With a yaw, 'the kiosk' is a
+    landmark too if the drone's first picture shows only one kiosk. The same applies to most other kinds. The result is
+    empty for a map without its own landmarks.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:

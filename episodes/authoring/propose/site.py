@@ -94,7 +94,7 @@ class Site:
         return [paint for paint in assets.PAINTS if f"paint-{paint}" not in worn]
 
     def placed(self, target: TargetRecord) -> Instance:
-        """Return a target of a record at its start: an instance of the map, or one that the record places, level."""
+        """Return the instance of a record's target at its start: the map's own if it is native, else a level one."""
         if target.native is not None:
             return next(i for i in self.scene.instances if i.name == target.native)
         if target.paint is None:
@@ -133,7 +133,7 @@ class Site:
     def starts(
         self, target: Instance, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
     ) -> Iterator[Vec3]:
-        """Yield places (m) at a 3-D distance from a target; from each, the target is well visible and the way is clear.
+        """Yield places (m) at a 3-D distance from a target, with a good view of the target and a clear way to it.
 
         The bearing of the target is more than `off_axes_deg` off the map's axes.
         """

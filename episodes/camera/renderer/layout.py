@@ -145,7 +145,7 @@ def place(triangles: Triangles, part: PlacedPart, position_ned: Vec3, turned: fl
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[PlacedPart]:
-    """Put every movable instance at its pose in `moved`, or hide it if this is None. Return those not hidden.
+    """Put every movable instance at its pose in `moved`, or hide it if the pose is None. Return those not hidden.
 
     An instance without an entry gets its pose in the scene. Raises UsageError when `moved` names an instance that the
     scene lacks or that is not movable.

@@ -367,7 +367,7 @@ def resolve_rows(
 
 @njit(cache=True, nogil=True)
 def _find_edges(rows: NDArray[np.int32], middle: int, edge: NDArray[np.bool_]) -> None:
-    """Set `edge` (n,) where a column of `rows` (k, n) is not uniform, or row `middle` differs in the next column."""
+    """Set `edge` (n,) where a column of `rows` (k, n) is not uniform, or the next column differs in row `middle`."""
     here = rows[middle]
     last = len(here) - 1
     for i in range(last):

@@ -106,7 +106,7 @@ def drift_table() -> NDArray[np.float32]:
 def drift(table: NDArray[np.float32], n: float, e: float, z: float) -> float:
     """Return the change of natural ground's tone at (n, e), m, within -1.2 … 1.2: the sum of small and large patches.
 
-    Patches fade where pixels are coarser than they are: small ones at depths `z` of about 60 m, large ones at 800 m.
+    Patches fade where they are smaller than a pixel: small ones at depths `z` of about 60 m, large ones at 800 m.
     """
     fine = 1.0 / (1.0 + z * z * (1.0 / 3600.0))
     coarse = 1.0 / (1.0 + z * z * (1.0 / 640000.0))
@@ -150,10 +150,10 @@ def footprint(
 ) -> tuple[np.int64, int, int, float, float]:
     """Return the parameters of `texture_color` for one texture: (level, mix, doublings, step_u, step_v).
 
-    (ux, vx) and (uy, vy) are the changes of (u, v) between places of `texture_color`, to the right and down: the axes
-    of a footprint. 2^doublings reads follow the longer axis in steps of (step_u, step_v). The level fits the shorter
-    axis, or one read's part of the longer axis if that is larger. `mix` / WEIGHT is the weight of the next coarser
-    level. So a road at a grazing angle is sharp across its direction and does not shimmer along it.
+    (ux, vx) and (uy, vy) are the changes of (u, v) from one place of `texture_color` to the next, right and down: the
+    axes of a footprint. 2^doublings reads follow the longer axis in steps of (step_u, step_v). The level fits the
+    shorter axis, or one read's part of the longer axis if that is larger. `mix` / WEIGHT is the weight of the next
+    coarser level. So a road at a grazing angle is sharp across its direction and does not shimmer along it.
     """
     first = atlas.first_level[texture]
     w = float(atlas.levels[first, 1])
