@@ -203,7 +203,7 @@ def _fence_radius(s: Situation, value: Value) -> RuleResult:
 
 
 def _drawn_fence(s: Situation) -> str:
-    return f"a fence drawn with {s.fence_points} points" if s.fence_points else ""
+    return f"a geofence of {s.fence_points} points was uploaded" if s.fence_points else ""
 
 
 def _fence_height(s: Situation, value: Value) -> RuleResult:

@@ -348,7 +348,7 @@ class VehicleFaults:
     setpoint_hz: float | None = _disturbance(  # None: 20. Below 2 Hz PX4 leaves Offboard
         None, "setpoint_rate", "how often the agent sends its setpoint", low=2.0, high=50.0, unit="Hz",
         words="{value:g} setpoints a second", metavar="HZ",
-        more="In vehicle time. The default is 20. Above 20, telemetry comes at the same rate.",
+        more="The rate is in vehicle time; the default is 20. Above 20, telemetry comes at the same rate.",
     )  # fmt: skip
     stalled: float = _disturbance(
         0.0, "stall_share",

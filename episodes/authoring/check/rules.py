@@ -233,7 +233,7 @@ def check_one_drone(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
     yield between("the highest start", max(heights), HEIGHTS_M[1], "m")
     rows = [layout.row for layout in layouts if layout.row is not None]
     if rows:
-        rule = "the rows between the uppermost and the lowest target"
+        rule = "the spread of the targets' heights in the picture, as a share of the picture"
         yield at_least(rule, max(rows) - min(rows), LEAST_ROW_SPREAD, "")
 
 

@@ -98,7 +98,7 @@ class Site:
         if target.native is not None:
             return next(i for i in self.scene.instances if i.name == target.native)
         if target.paint is None:
-            raise ValueError("only placed targets have a paint")
+            raise ValueError("a placed target needs a paint")
         mesh = assets.build(target.asset, target.paint, target.inscription)
         return Instance(1, "target", target.asset, mesh, *motion(target).pose(0.0))
 

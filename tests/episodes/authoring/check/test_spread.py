@@ -111,7 +111,7 @@ def test_an_even_suite_passes_all_rules() -> None:
          "the farthest start on campus"),
         (lambda s: [dataclasses.replace(one, height_m=1.7) for one in s], "the highest start"),
         (lambda s: [dataclasses.replace(one, row=one.row and 0.5) for one in s],
-         "the rows between the uppermost and the lowest target"),
+         "the spread of the targets' heights in the picture, as a share of the picture"),
     ],
 )  # fmt: skip
 def test_layouts_that_reveal_the_target_position_fail_their_rule(
