@@ -245,7 +245,7 @@ def _select_decisions(logs: Logs) -> list[Decision]:
 
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
-    """Return (picture, extent): RGB (H, W, 3) from above, north up, with the logged positions, starts and target."""
+    """Return (picture, extent): RGB (H, W, 3) from above, north up; covers the logged positions, starts and target."""
     points = _logged_positions(folder)
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]

@@ -1,1 +1,1 @@
-"""The logger of a flight, in real time a process. It writes truth, or the autopilot's estimate, and telemetry."""
+"""The logger of a flight, a process in real time. It writes telemetry, and true poses or the autopilot's estimate."""

@@ -1,4 +1,4 @@
-"""The logger process: it reads the truth bus and each drone's telemetry, and writes the logs."""
+"""The logger process: it reads the truth bus (true poses) and each drone's telemetry, and writes the logs."""
 
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -39,7 +39,7 @@ from hil.link.transport import UdpTransport
 
 # Measures the target: (t in s, truth of a drone, its camera, truth of the other drones at that time) → measurement
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
-COPIED = "udpin://127.0.0.1:0"  # URL of a logger's own port, which the system chooses
+COPIED = "udpin://127.0.0.1:0"  # URL of a logger's own port, which the operating system chooses
 KEPT = 1000  # truth samples kept per drone, for late frames: 20 s at 50 Hz
 
 
@@ -48,7 +48,7 @@ class LoggerConfig:
     episode: str  # id of an episode, or path of its record file
     folder: str  # folder for the episode's logs
     truth: str  # URL of the truth bus
-    telemetry: tuple[str, ...]  # URL of each drone's autopilot, or COPIED: the stage sends a copy of its messages
+    telemetry: tuple[str, ...]  # URL of each drone's autopilot, or COPIED: the stage copies the drone's messages
     airframe: str | None = None
 
 

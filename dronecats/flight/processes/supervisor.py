@@ -62,7 +62,7 @@ class Heartbeat:
         return self.pending_s(now_s) > self.patience_s
 
 
-READY_S = 600.0  # wall seconds; longest start of a child; in a first run it compiles, maybe on a slow, busy machine
+READY_S = 600.0  # wall seconds; longest start of a child, which compiles in a first run, maybe on a slow, busy machine
 ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
 # Longest wait for a heartbeat, wall seconds. A child answers between two calls of its part's `turn`. One call takes
 # milliseconds, or seconds on a busy machine. A flight with a longer silence cannot be judged, because the socket of the

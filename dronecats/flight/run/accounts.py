@@ -142,13 +142,13 @@ def _budget(accounts: Accounts) -> Budget:
 
 
 def spent_in(folder: Path) -> Spent | None:
-    """Return the cost of all runs of a benchmark; None: no model was paid yet. Raises InfrastructureError."""
+    """Return the cost of all runs of a benchmark; None if it has no ledger yet. Raises InfrastructureError."""
     if not (folder / LEDGER).exists():
         return None
     try:
         with closing(Ledger(folder / LEDGER)) as ledger:
             return ledger.spent()
-    except UsageError as unreadable:  # the run has written it, so its user has not named a wrong file
+    except UsageError as unreadable:  # a run wrote the ledger, so the user did not name a wrong file
         raise InfrastructureError(str(unreadable)) from None
 
 

@@ -1,4 +1,4 @@
-"""Flies an episode with a connected vehicle. Without true poses of the vehicle, the flight is not scored."""
+"""Flies an episode with a connected vehicle. `ConnectedFlight` has no true poses, so its flights are not scored."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager

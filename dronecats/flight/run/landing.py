@@ -1,4 +1,4 @@
-"""Ends every flight: orders the landing, then tells the logger, then waits until the vehicles have landed."""
+"""Ends every flight: orders the landing, informs the logger, and waits until the vehicles have landed."""
 
 import contextlib
 import signal

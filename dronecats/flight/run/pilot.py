@@ -42,14 +42,14 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         axis_order=asker.axis_order if (asker := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
-        # In lockstep, vehicle time may advance during a call, but not with several calls: their order would vary.
+        # In lockstep, vehicle time may advance during one call. With several calls at once, their order would vary.
         beside=served and waits and spec.command == "flat",
         last_reply=flight.scored,  # unscored flights do not wait for a late reply
     )
 
 
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return the factory of the paper's agent. It asks one question for each group of drones."""
+    """Return the factory of the paper's agent. The agent asks one question for each group of drones."""
     return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
 
 

@@ -1,8 +1,7 @@
 """Uses the drones' true poses in a flight: opens pilots that need them, and checks the start.
 
-Before an episode begins, the autopilot's estimate and the start pose are compared with the truth. If the start pose
-differs from the record, or the autopilot's heading is wrong, the flight ends with an infrastructure error, because its
-verdict would not measure the pilot.
+Before an episode begins, the autopilot's estimate and the start pose are compared with the truth. A wrong start pose or
+estimate ends the flight with an infrastructure error, because the verdict would not measure the pilot.
 """
 
 import math

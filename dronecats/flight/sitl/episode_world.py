@@ -1,4 +1,4 @@
-"""Builds the world of an episode, and moves the poses of a vehicle from another world onto its map."""
+"""Builds the world of an episode, and moves the poses of a vehicle from another world onto the episode's map."""
 
 from dataclasses import dataclass
 

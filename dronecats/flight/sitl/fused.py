@@ -2,7 +2,7 @@
 
 For each call, numba needs 0.1 µs per array argument, but about 2 µs per numpy record, because numpy describes the
 record's layout anew. The records of one vehicle would take 40 µs, five times as long as the computation of 10 ms of
-flight. So `Fused` looks up all memory addresses once, and each call passes only the address of the list of them.
+flight. So `Fused` stores all memory addresses in one list, and each call passes only the address of this list.
 """
 
 from collections.abc import Callable

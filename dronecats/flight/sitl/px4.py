@@ -101,7 +101,7 @@ class HilVehicle(Vehicle):
         return message
 
     def _obey(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Apply a HIL_ACTUATOR_CONTROLS to the rotors. `time_us`: time of its commands (µs)."""
+        """Apply a HIL_ACTUATOR_CONTROLS to the rotors. `time_us`: time of the commands (µs)."""
         actuators = self.plant.actuators
         actuators["armed"] = int(is_armed(message))
         actuators["command"] = rotor_commands(message.controls, self._rotors, self._idle)

@@ -41,7 +41,7 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # period of plant and inner loop
 TICK_US = 10_000  # period of commander and MAVLink
-FINER_US = (5_000, 2_000)  # steps within a tick for a telemetry stream of up to 200, up to 500 Hz; faster: STEP_US
+FINER_US = (5_000, 2_000)  # steps within a tick for telemetry of up to 200 Hz, and of up to 500 Hz; faster: STEP_US
 TRUTH_US = 20_000  # period at which the truth is published, 50 Hz
 
 

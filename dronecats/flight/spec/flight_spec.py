@@ -3,7 +3,7 @@
 Command line, files and studies create a FlightSpec. It checks all rules between options, and raises UsageError for
 contradictions.
 
-A worker on any machine can fly the spec, because it holds the contents of files, such as the latencies of a
+A worker on any machine can fly the spec, because the spec holds the contents of files, such as the latencies of a
 `trace:FILE`. It holds only the names of some files, which that machine must have: the script of
 `--pilot recorded:FILE`, a user's own map or agent, the program in `px4`, the key file of `Connected` and the files of
 `Accounts`.
@@ -106,7 +106,7 @@ class ExternalHarness:
     harness: str  # gymnasium, inspect or inspect-robots
     name: str  # the harness's name for its model
     axis_order: Literal["xy", "yx"] = "xy"  # order of the coordinates of a point
-    lifted: str | None = None  # the harness's reasoning effort after a `think`; None: as for other questions
+    lifted: str | None = None  # reasoning effort that the harness requests after a `think`; None: as always
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

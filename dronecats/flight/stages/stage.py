@@ -41,7 +41,7 @@ class Stage:
     def begin(self, t0_us: int, cap_s: float) -> None:
         """Start the episode at vehicle time `t0_us` (µs), which is time zero for camera, logger and targets.
 
-        `cap_s`: the length of the flight in seconds, for the log.
+        `cap_s`: the time limit of the flight in seconds.
         """
         raise NotImplementedError
 
@@ -190,7 +190,7 @@ class DisturbedLinks:
     ) -> Sequence[Link]:
         """Return the link to each vehicle. `wires`: the connections that can be impaired."""
         spec = self._flight.spec
-        # with impaired links it is longer than a flight, so that lost messages never end the flight
+        # with impaired links, the allowed silence is longer than a flight, so that lost messages never end the flight
         silence_s = SILENCE_S + (2.0 * spec.seconds if self.wired else 0.0)
         self._wires = wires
         self._links = [
