@@ -137,7 +137,7 @@ LATE_S = 5.0
 
 
 def ending(logs: Logs) -> str | None:
-    """Return the reason why the log does not end with the end of an episode; None if it does.
+    """Return the reason why the log does not show a complete episode; None if it does.
 
     The episode must have begun, something must be measured, and the logger must have seen the end. A flight that ended
     at its cap must have decisions, or a commander that was asked and was too slow. A flight that ended as decided must

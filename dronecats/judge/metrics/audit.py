@@ -50,7 +50,7 @@ class StepOutlook:
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """How often an event followed: after `think` of `of_thinks` think steps, and `other` of `of_others` other steps."""
+    """How often an event followed: after `think` out of `of_thinks` think steps, `other` out of `of_others` others."""
 
     think: int
     of_thinks: int

@@ -5,9 +5,8 @@ hold. Here the first mode of MODES that holds counts. After success, MODES has t
 "did not move", which the appendix counts as "timed out". "Did not move" is meant for simulation faults, so it holds
 only if moves were commanded. It precedes the modes from "never grounded" on, which assume a moving drone.
 
-For a fleet, one drone with a declaration or an arrival is enough. The closed share of the distance and the share of
-steps with the target ahead are the best drone's. A fleet oscillated if every drone oscillated. It did not move if no
-drone moved.
+For a fleet, "declared" and "arrived" need only one drone. The closed share of the distance and the share of steps with
+the target ahead are the best drone's. A fleet oscillated if every drone oscillated. It did not move if no drone moved.
 
 `dronecats bench` retries a "did not move" flight once. The paper's "pose track under 5 m" assumes a vehicle that hovers
 without motion. The simulated vehicle follows its drifting estimate: a hover of 300 s makes a path of about 10 m. So
@@ -29,7 +28,7 @@ from foundation.run_folder.rows import Pose
 FailureMode = Literal[
     "success", "declared", "arrived", "did not move", "never grounded", "oscillated", "never closed", "timed out"
 ]
-HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half of the field of view; "never grounded": target ahead in a smaller share
+HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # half field of view; "never grounded": target ahead in a smaller share of steps
 WANDERED, TURNED_DEG = 8.0, 720.0  # "oscillated": least ratio of path to net displacement; least sum of yaw changes
 CLOSED = 0.30  # "never closed": a smaller share of the start distance was closed
 STUCK_M = 5.0  # m of track; a drone with less did not move

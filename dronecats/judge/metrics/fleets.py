@@ -1,4 +1,4 @@
-"""Metrics of commanding episodes: the outcome of each drone, and the commands of the fleet.
+"""Metrics of commanding episodes, which have a fleet: the outcome of each drone, and the fleet's commands.
 
 Source: paper, "Commanding Several Drones". The paper's Reached, Declared and SR of a fleet are the metrics
 `oracle_success`, `declared` and `success`, which pool the drones.

@@ -1,7 +1,7 @@
 """Registers all metrics, loads a user's own metrics, and judges many episodes.
 
 METRICS is the source for the table in the docs, for reports, `--json` and SQL. A user's metrics are in a Python file
-with `METRICS`, as in the other modules of this package. The file is executed, so it must be trusted. Episodes are
+that defines `METRICS` like the other modules of this package. The file is executed, so it must be trusted. Episodes are
 judged in parallel on all cores.
 """
 

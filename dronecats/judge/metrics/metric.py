@@ -36,7 +36,7 @@ class Metric:
 
     @property
     def value_type(self) -> type[bool] | type[int] | type[float]:
-        """The type of one value, and of the SQL column. A step may lack a value of a share, so it is a number there."""
+        """The type of one value and of the SQL column. A share per step is a float, because a step may lack a value."""
         if self.unit == "count":
             return int
         return bool if self.is_share and self.level == "episode" else float

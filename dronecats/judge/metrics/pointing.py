@@ -15,12 +15,12 @@ from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 from foundation.run_folder.rows import PointedGo
 
-SAME = 0.5  # coordinates count as equal within this, because the history shows integer pixels
+SAME = 0.5  # coordinates count as equal within this, because the prompt's history shows integer pixels
 _CAMERA = CameraModel()
 
 
 def rescaled(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether the point of a go equals the pixels that the history shows for the previous go.
+    """Return per decision whether a go's point equals the pixels that the prompt's history shows for the previous go.
 
     The previous go is the drone's newest go among its last five actions, which the history shows. None without a
     previous go, and if the pixels of that go equal its point, because a copy is then not detectable.

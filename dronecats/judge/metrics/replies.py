@@ -31,7 +31,7 @@ def is_cut_off(decision: Decision) -> bool:
 def question_values(flight: JudgedFlight, field: str) -> list[MetricValue]:
     """Return the value of a field for each decision; None after the cap (time limit), and for an unknown value.
 
-    In a reply for several drones, only the first drone has the value; the others have None.
+    For a reply for several drones, only the first drone's decision has the value; the others have None.
     """
     return [getattr(step.decision, field) if step.counts and step.is_question else None for step in flight.steps]
 

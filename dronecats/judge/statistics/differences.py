@@ -40,7 +40,7 @@ class MeanDifference(KnownMean):
 def known_mean(values: Sequence[float]) -> KnownMean:
     """Return the mean of `values`, one per episode, with an interval within the range of the values.
 
-    The ends are quantiles of the means of subsets of the episodes (`_subsets`; Hartigan, "Using subsample values as
+    The ends of the interval are quantiles of the means over subsets (`_subsets`; Hartigan, "Using subsample values as
     typical values", J. Am. Stat. Assoc. 64, 1969). Fewer than 6 episodes are too few for 95 %.
     """
     if not len(values):
