@@ -40,9 +40,9 @@ class Bench:
     ) -> None:
         """`limit` and `shard` select the episodes that this process flies. `retry`: repeat flights that did not move.
 
-        The steps, in order: check existing run folders; send a test question to each model with flights left, and
-        pass the results to `report`; call `first` (writes a study's file); write bench.json; create new run folders. So
-        bench.json names every run folder even after a kill. Raises UsageError, ModelError, InfrastructureError.
+        The order: check existing run folders; send a test question to each model with flights left (`report` gets the
+        results); call `first` (writes a study's file); write bench.json; create new run folders. So bench.json names
+        every run folder even after a kill. Raises UsageError, ModelError, InfrastructureError.
         """
         self.out = out
         self._opened = ExitStack()

@@ -51,7 +51,7 @@ class Engine(Protocol):
 
 
 WORKER = ChildKind("worker", "dronecats.bench.worker:Worker", WorkerConfig, needs_keys=True)
-POLL_S = 0.2  # wall s in which the engine asks each worker for a flight that has ended, if the workers answer at once
+POLL_S = 0.2  # wall s; in one round, the engine asks each worker once for an ended flight, and waits at most this long
 ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
 # wall s; a flight hangs if none of its files has grown for so long. The longest regular pause is 300 s, after which a
 # question with all its retries is given up.
@@ -69,7 +69,7 @@ class InFlight:
 
     sortie: Sortie
     written: int = -1  # `written_bytes` at the last check; -1: not checked
-    since_s: float = field(default_factory=time.monotonic)  # wall time of the check that found a changed number
+    since_s: float = field(default_factory=time.monotonic)  # wall time of the last check that found another `written`
 
     def check(self, written: int) -> None:
         """Store the number of bytes that a check found."""
@@ -107,7 +107,7 @@ class LocalEngine:
     def __init__(self, log: Path, jobs: int, *, workers: int | None = None) -> None:
         """`log`: file for the workers' output; `jobs`: flights at a time, at most the number of flights.
 
-        `workers`: most workers; None: one a core.
+        `workers`: largest number of workers; None: one per core.
         """
         self._log, self._answer_s, self._hang_s = log, ANSWER_S, HANG_S
         self._most = max(1, min(jobs, workers or cores()))
@@ -117,7 +117,7 @@ class LocalEngine:
         self._landed: deque[tuple[Sortie, Result]] = deque()
 
     def begin(self, sortie: Sortie) -> None:
-        """Hand the flight to a worker. It begins when `landed` is called.
+        """Hand the flight to a worker. The flight begins when `landed` is called.
 
         Raises InfrastructureError when no worker can be started.
         """

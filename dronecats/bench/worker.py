@@ -26,8 +26,6 @@ from foundation.threads import COMPUTING
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerConfig:
-    """The configuration of a worker."""
-
     poll_s: float  # wall s, longest wait of the command `ended` for a flight
 
 

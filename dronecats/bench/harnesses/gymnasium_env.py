@@ -60,10 +60,10 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
     ) -> None:
         """`episodes`: ids or files, which `reset` takes one after another; empty: the one-drone suite.
 
-        `reward`: with "none" always 0; with "verdict" 1 for the last step of a success, else 0. `out`: the folder that
-        gets one folder per flight, with the next free number as its name; None: a flight's folder is removed at the
-        next `reset` or `close`. `policy`: the pilot's name in run.json. Raises UsageError for episodes with different
-        numbers of drones, because their spaces differ.
+        `reward`: with "none" always 0; with "verdict" 1 for the last step of a success, else 0. `out`: each flight gets
+        a folder in it, named by the next free number. Without `out`, a flight's folder is removed at the next `reset`
+        or `close`. `policy`: the pilot's name in run.json. Raises UsageError for episodes with different numbers of
+        drones, because their spaces differ.
         """
         self._records = {name: catalogue.load(name) for name in episodes or catalogue.suite_ids("one-drone")}
         self._names = list(self._records)
@@ -179,7 +179,6 @@ class Instruction(Text):
 
 
 def observation_space(drones: int) -> Dict:
-    """Return the space of observations."""
     pictures = Box(0, 255, frames_shape(drones), np.uint8)
     instruction = Instruction(max_length=1000, charset=CHARACTERS)
     return Dict({"frame" if drones == 1 else "frames": pictures, "instruction": instruction})

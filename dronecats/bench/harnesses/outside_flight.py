@@ -103,7 +103,6 @@ class OutsideFlight:
 
     @property
     def instruction(self) -> str:
-        """The pilot's instruction."""
         return self._flight.instruction
 
     def question(self) -> Request | None:
