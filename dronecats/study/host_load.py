@@ -106,7 +106,7 @@ def fly(
 
 
 def _with_clock(flight: FlightSpec, clock: Clock, number: int) -> FlightSpec:
-    """Return the specification of the flights with a number, from 1, in lockstep or in real time."""
+    """Return the specification of all flights with this number (from 1), in lockstep or in real time."""
     simulated = flight.simulated
     assert simulated is not None
     simulated = replace(simulated, speed=None) if clock == "lockstep" else simulated

@@ -45,9 +45,9 @@ def plan(
 
     `pilots`: (name, flight); the flights have no episode and no levels yet. The k-th flight of an episode by a pilot
     has the same seed at every point. Round k has all k-th flights. In a round, the pilots fly one after another. Each
-    flies an episode at all points before the next one. So if a study stops early, only its last flights lack a
-    counterpart at other points. Raises UsageError for contradicting levels, a factor without an effect, and if there is
-    nothing to fly.
+    pilot flies an episode at all points before the next episode. So if a study stops early, only its last flights lack
+    a counterpart at other points. Raises UsageError for contradicting levels, a factor without an effect, and if there
+    is nothing to fly.
     """
     factors = tuple(design.points[0]) if design.points else ()
     if overlap := next((factor for factor in factors if factor in held), None):

@@ -1,4 +1,4 @@
-"""Reads the results of a study from a folder, and checks that the runs differ only in the levels of its factors."""
+"""Reads a study's results from a folder, and checks that the runs differ only in the levels of the study's factors."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

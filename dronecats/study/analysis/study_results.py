@@ -78,11 +78,10 @@ class StudyResults:
     cells: tuple[str, ...]  # cells (kinds of episode) with flights, in the order of `record.CELLS`
     flights: tuple[StudiedFlight, ...]
     planned: int  # number of flights in the plan; fewer may have been flown
-    notes: tuple[str, ...] = ()  # the agents, and limits of the comparison between entrants, each as a text
+    notes: tuple[str, ...] = ()  # sentences on agents, exclusions and limits of the comparison between entrants
 
     @cached_property
     def scored(self) -> tuple[StudiedFlight, ...]:
-        """The scored flights."""
         return tuple(flight for flight in self.flights if flight.scored.scored)
 
     @property
@@ -106,7 +105,7 @@ def comparable(results: StudyResults, flights: Sequence[StudiedFlight], factor: 
     """Return those of `flights` that can be compared over the levels of the factor with this index.
 
     In a design of one factor at a time, a flight is kept if its levels of the other factors also occur at another level
-    of this factor; without such flights, all are kept. In any other design, all are kept, because the design or chance
+    of this factor. Without such flights, all are kept. In any other design, all are kept, because the design or chance
     balances the other factors.
     """
     if not results.design.startswith(ONE_AT_A_TIME):

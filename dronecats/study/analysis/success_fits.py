@@ -127,8 +127,8 @@ def main_effects(results: StudyResults) -> list[MainEffect]:
 def heat_maps(results: StudyResults) -> list[HeatMap]:
     """Return the shares of successes over each pair of factors, for every entrant and cell.
 
-    A pair of factors is left out if no flight has both away from their base levels, as in a design of one factor at a
-    time. Then the flights cannot show an interaction.
+    A pair of factors is left out if in every flight at least one of both is at its base level, as in a design of one
+    factor at a time. Then the flights cannot show an interaction.
     """
     steps = [level_steps(factor) for factor in results.factors]
     maps = []

@@ -1,1 +1,1 @@
-"""Measures how much delay each control loop tolerates in its feedback, and the cascade in the agent's setpoints."""
+"""Measures two tolerances: of a control loop to feedback delay, and of a flight to jitter and loss of setpoints."""

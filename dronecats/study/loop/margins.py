@@ -123,7 +123,7 @@ class LoopStudy:
 
 
 def step_figures(response: StepResponse) -> StepFigures:
-    """Return a response's figures. `rise_s` is nan if it never reaches 90 %, `delay_s` if it never reaches 50 %."""
+    """Return the figures of a response. If it never reaches 90 %, `rise_s` is nan; if never 50 %, `delay_s` too."""
     share = response.value / response.step
 
     def first(level: float) -> float:

@@ -1,1 +1,1 @@
-"""Measures the delay of each link of a user's chain, from the camera to the setpoint, so that it can be simulated."""
+"""Measures each delay in a user's timing chain, from camera to setpoint, so that flights can simulate the delays."""

@@ -123,7 +123,7 @@ def _draw_levels(axis: Any, levels: list[LevelResult], number: int, count: int, 
 def _draw_fit(axis: Any, along: FactorFindings, fit: HalfSuccessFit, number: int, *, alone: bool = True) -> None:
     """Draw a fitted curve and its half-success level; if `alone`, also the curve's band and the level's interval.
 
-    If the level has no best estimate, its interval is drawn.
+    Without a best estimate of the level, its interval is always drawn.
     """
     if fit.curve is not None:
         axis.plot(fit.curve.at, PERCENT * fit.curve.share, color=panels.colour(number), linewidth=1.3)

@@ -158,7 +158,7 @@ def _insignificant_factors(findings: Findings) -> Iterator[str]:
 def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
     """Yield (sentence, whether a level differs significantly from the reference) for each entrant.
 
-    The sentence gives the nearest level that differs and the difference in success, or says that none does.
+    The sentence gives the nearest level that differs and the difference in success, or says that no level differs.
     """
     reference = along.factor.label(along.factor.reference)
     for entrant in findings.results.entrants:
