@@ -259,7 +259,7 @@ the table are the reference. The study compares each flight with the reference f
 | --- | --- |
 | solved | flights that succeeded |
 | changed | flights whose verdict differs from the reference |
-| other bytes | flights whose log differs from the reference; in real time every flight |
+| log differs | flights whose log differs from the reference; in real time every flight |
 | marked | flights that `bench` marks as delayed by the host; `--drop-stalled` leaves them out |
 | delayed steps | steps that the host delayed, of all steps |
 | change of NE | median difference of the navigation error (NE) from the reference |
@@ -269,7 +269,7 @@ the table are the reference. The study compares each flight with the reference f
 
 def tables(findings: LoadFindings) -> list[ReportTable]:
     """Return the table of levels, and the table of marked and moved flights."""
-    levels = [words("clock"), *map(numbers, ("busy", "flights", "solved", "changed", "other bytes", "marked",
+    levels = [words("clock"), *map(numbers, ("busy", "flights", "solved", "changed", "log differs", "marked",
                                              "delayed steps", "change of NE"))]  # fmt: skip
     rows = (
         (r.clock, r.busy, r.flights, r.solved, r.moved, r.other_bytes, r.marked, f"{r.stalled_steps} of {r.steps}",

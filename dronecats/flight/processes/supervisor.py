@@ -232,7 +232,7 @@ class ChildProcess:
         return next((str(answer["error"]) for answer in self._answers if "error" in answer), None)
 
     def _fault(self, answer: dict[str, Any]) -> Exception:
-        text = str(answer.get("error", "an answer it should not give"))
+        text = str(answer.get("error", "unexpected answer"))
         return UsageError(text) if answer.get("status") == 2 else InfrastructureError(f"{self.kind}: {text}")
 
 

@@ -121,7 +121,7 @@ def start_faults(true: TruthSample, position_ned: Vec3, yaw: float) -> list[str]
     away_m = math.dist(true.position_ned, position_ned)
     turned = math.degrees(abs(wrap_pi(quat_to_euler(true.attitude)[2] - yaw)))
     low_m = true.position_ned[2] - position_ned[2]
-    where = f"{abs(low_m):.2f} m too {'low' if low_m > 0 else 'high'}, in all"
+    where = f"{abs(low_m):.2f} m too {'low' if low_m > 0 else 'high'}, and in total"
     return [
         *_fault_if_above(f"the drone is {where}" if abs(low_m) > START_M else "the drone is", away_m, START_M, " m"),
         *_fault_if_above("the drone's nose is", turned, START_DEG, "°"),

@@ -357,7 +357,7 @@ def _of_csv(path: Path) -> list[float]:
     elif len(head) == 1:
         column = 0
     else:
-        raise UsageError(f"--latency trace:{path} has several columns, but no column {COLUMN}. Name one so")
+        raise UsageError(f"--latency trace:{path} has several columns, and none is named {COLUMN}. Rename one of them")
     return [_number(path, number, line, column) for number, line in enumerate(lines, 1)]
 
 

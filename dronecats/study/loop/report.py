@@ -138,7 +138,7 @@ def tables(results: LoopResults) -> list[ReportTable]:
     if results.studies:
         report_tables.append(_table(("airframe", "loop"), {**STEP, **DELAYS}, margin_rows(results.studies)))
     if results.tolerances:
-        heads = ("error on a perfect wire", "error doubled at", "offboard ends at")
+        heads = ("error on a perfect link", "error doubled at", "offboard ends at")
         report_tables.append(
             table_of(
                 [words("airframe"), words("stream"), *map(numbers, heads)], map(_tolerance_cells, results.tolerances)
@@ -334,7 +334,7 @@ def draw_stream(tolerances: Sequence[Tolerance]) -> Any:
                 )
         axis.axhline(ERROR_RATIO_LIMIT, color=style.GREY, linewidth=0.6)
         axis.set_xlabel(labels.get(kind, kind))
-    axes[0, 0].set_ylabel("tracking error, × a perfect wire")
+    axes[0, 0].set_ylabel("tracking error, × a perfect link")
     axes[0, 0].legend(loc="upper left")
     return figure
 

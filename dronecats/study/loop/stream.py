@@ -26,7 +26,7 @@ TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0  # s: flight on the circle, its uns
 SEEDS = (1, 2, 3)
 JITTERS_S = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.25, 1.5)
 LOSSES = (0.0, 0.3, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
-ERROR_RATIO_LIMIT = 2.0  # × the tracking error on a perfect wire: a larger error is not tolerated
+ERROR_RATIO_LIMIT = 2.0  # × the tracking error on a perfect link: a larger error is not tolerated
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Tolerance:
 
     @property
     def perfect_error(self) -> float:
-        """The tracking error (m/s) on a perfect wire."""
+        """The tracking error (m/s) on a perfect link."""
         return self.errors[0]
 
     @property
@@ -102,7 +102,7 @@ class StreamedVehicle:
             raise InfrastructureError(f"{airframe.name} does not fly: its mode is {commander.mode}")
 
     def trial(self, level: float, wire: Impairment, seed: int) -> StreamTrial:
-        """Fly the circle on a full battery with setpoints over `wire`, then hover on a perfect wire."""
+        """Fly the circle on a full battery with setpoints over `wire`, then hover on a perfect link."""
         self.vehicle.plant.state["charge_ah"] = self.vehicle.plant.params["capacity_ah"]
         channel, truth = Channel(wire, seed), self.vehicle.plant.truth
         errors, left_s = [], None
@@ -145,7 +145,7 @@ class StreamedVehicle:
 def tolerances(airframe: Airframe) -> tuple[Tolerance, Tolerance]:
     """Return the tolerance of an airframe to jitter and to loss.
 
-    Levels are flown in rising order, from 0 (a perfect wire) to the first at which the vehicle leaves offboard mode.
+    Levels are flown in rising order, from 0 (a perfect link) to the first at which the vehicle leaves offboard mode.
     Raises InfrastructureError if the vehicle does not fly.
     """
     vehicle = StreamedVehicle(airframe)
