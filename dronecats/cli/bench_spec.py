@@ -52,7 +52,7 @@ MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}  # largest valid valu
 
 
 def with_file(args: argparse.Namespace) -> argparse.Namespace:
-    """Return the arguments. An absent option gets its value from the .toml file given as episode, or its default.
+    """Return the arguments. An absent option gets its value from the .toml file among the episodes, else its default.
 
     Raises UsageError for a file that cannot be read or has an unknown key.
     """

@@ -54,7 +54,7 @@ def check_engine(args: argparse.Namespace) -> None:
 
 
 def allow_locks(runs: int) -> None:
-    """Raise the limit of open files for the lock files of `runs` runs. Raises UsageError if the system forbids this."""
+    """Increase the limit of open files for the locks of `runs` runs. Raises UsageError if the system forbids this."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = runs + SPARE_FILES
     if hard != resource.RLIM_INFINITY and wanted > hard:
@@ -168,7 +168,7 @@ def status(result: CampaignResult, verb: str) -> int:
     """Return the exit status. If it is not 0, print the reason on standard error."""
     if result.ending == "budget":
         spent = (flight.error for flight in result.broken.values() if flight.reason == "budget")
-        # the default is needed if the flight that spent the rest of the budget succeeded: then no flight has an error
+        # no flight has this error if the flight that spent the rest of the budget succeeded: use the default
         reason = next(spent, "the budget is spent")
         print_note(f"dronecats {verb}: {reason}. The same command resumes")
         return 3

@@ -32,14 +32,14 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         return INTERRUPTED
     finally:
         # A Ctrl-C during an `exec` of text, as in dataclasses and Numba, sets a flag in Python. The flag stays set if
-        # the KeyboardInterrupt is caught, and Python then ends by a signal instead of a status. Any `exec` clears it.
+        # the KeyboardInterrupt is caught. Python then ends by a signal, not a status. Another `exec` clears the flag.
         exec("")
 
 
 def interrupt_on_signals() -> None:
     """Make SIGTERM and SIGHUP raise KeyboardInterrupt, so that a flight lands, closes and keeps its files.
 
-    An ignored signal stays ignored, as SIGHUP after `nohup`.
+    A signal that is already ignored stays ignored, such as SIGHUP after `nohup`.
     """
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:

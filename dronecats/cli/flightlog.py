@@ -79,7 +79,7 @@ def _on_board(args: argparse.Namespace) -> int:
 
 
 def _trace(args: argparse.Namespace) -> int:
-    """Write estimate.jsonl, the estimated path, and judge the flight by it.
+    """Write the estimated path to estimate.jsonl, and judge the flight by this path.
 
     If truth.jsonl has true poses, print the error of the estimated path instead of a judgement.
     """

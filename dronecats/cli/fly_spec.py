@@ -216,7 +216,7 @@ def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
     if args.commander:
         fields["commander"] = commander = rows.model_of(args.commander, args.commander_url)
         has_url = commander.base_url is not None or provider_of(commander.provider).base_url is not None
-        if args.command == "hierarchical" and not has_url:  # FlightSpec rejects a commander with other commands
+        if args.command == "hierarchical" and not has_url:  # FlightSpec rejects a commander with another --command
             raise UsageError(f"--commander {commander.title} needs --commander-url http://HOST:PORT/v1")
     return fields
 

@@ -81,7 +81,7 @@ class VerbHelp(argparse.HelpFormatter):
 
 
 class Actions(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic for type checkers only
-    """The parsers of verbs or actions. Each description is made from `help`: with a capital letter and a full stop."""
+    """The parsers of verbs or actions. Each description is the `help` text with a capital letter and a full stop."""
 
     def add_parser(self, name: str, **kwargs: Any) -> Any:
         """Return a new parser for `name`."""

@@ -201,7 +201,7 @@ def _abbreviated(value: Any, jpeg: bytes) -> Any:
 
 
 def _check(args: argparse.Namespace) -> int:
-    """Probe a model. Return 0 if it can fly, 1 if its points cannot be used; the status is 3 if its endpoint fails."""
+    """Probe a model. Return 0 if its points have the declared axis order, else 1; status 3 if its endpoint fails."""
     from dronecats.agent.models.probe import probe
     from dronecats.agent.models.wire_formats import open_model
 

@@ -62,7 +62,7 @@ class Option:
         return f"--{self.name.replace('_', '-')}"
 
     def read(self, value: Any) -> Any:
-        """Return the option's value for a value from a file. Raises ValueError; its text names the wanted type."""
+        """Return a value from a file as the option's value. Raises ValueError; its text names the wanted type."""
         wanted = self.file or OF_KIND.get(self.kind, "a word")
         types = FILE_TYPES[wanted]
         if self.many or self.repeated:
@@ -437,7 +437,7 @@ def _number(name: str, text: str) -> float:
 
 
 def add_exclusions(parser: argparse.ArgumentParser, what: str) -> None:
-    """Declare --exclude-above; `what` names what it leaves out."""
+    """Declare --exclude-above; `what`: plural noun for the items that it leaves out."""
     text = f"leave out {what} whose metric is above N"
     parser.add_argument("--exclude-above", action="append", default=[], metavar="METRIC=N", help=text)
 

@@ -66,8 +66,8 @@ class Printing(io.TextIOWrapper):
     """A text stream that writes no control characters, so that no text can control the terminal, and that never fails.
 
     After a failed write the file descriptor becomes the null device, and `on_loss` is called once. `fault` is the
-    error, but None if the reader (for example `head`) closed the pipe. Below this class is no Python code: it could be
-    interrupted between the write and its return, and the text would be written a second time.
+    error, but None if the reader (for example `head`) closed the pipe. The stream below this class has no Python code,
+    because Ctrl-C could interrupt such code between the write and its return, and the text would be written twice.
     """
 
     def __init__(

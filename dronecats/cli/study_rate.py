@@ -1,4 +1,4 @@
-"""Action `study rate`: measures how long the user's camera, encoding, model and setpoint take. It moves nothing."""
+"""Action `study rate`: measures how long the user's camera, encoding, model and setpoint take. No vehicle moves."""
 
 import argparse
 import json
