@@ -39,7 +39,7 @@ class TableColumn:
 
     @property
     def head(self) -> str:
-        """The title, with its unit unless SILENT_UNITS has it."""
+        """The title, with the unit unless SILENT_UNITS contains it."""
         return f"{self.title} ({self.head_unit})" if self.head_unit not in SILENT_UNITS else self.title
 
 

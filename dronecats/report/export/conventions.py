@@ -85,7 +85,7 @@ def named_tracks(drone: DroneTracks) -> Iterator[tuple[str, FlightTrack]]:
 
 
 def camera_body(drone: DroneTracks) -> str:
-    """Return the name of the body that carries a drone's camera: at the estimated pose, or else at the true pose."""
+    """Return the name of the exported body that carries a drone's camera: the estimated one, or else the true one."""
     return drone_name(drone.number) if drone.estimate is not None else f"{JUDGE}/{drone_name(drone.number)}"
 
 

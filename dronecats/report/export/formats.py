@@ -129,7 +129,7 @@ def finished_flight(folder: Path) -> RecordedFlight:
         missing = "has no beginning" if logs.begin is None else "has no end"
         raise UsageError(f"{folder} is unfinished: its {layout.TRUTH} {missing}")
     assert flight.frames is not None
-    assert flight.drone_tracks  # both asserts read files, so that a damaged file raises before the export writes
+    assert flight.drone_tracks  # both asserts read files, so that a damaged file fails before the export writes
     return flight
 
 

@@ -70,7 +70,7 @@ class Verification:
     unchecked: tuple[str, ...]
 
 
-OF_MANIFEST = ("name", "note", "pilot", "is_model", "suite", "partial", "identity", "dronecats")  # equal fields
+OF_MANIFEST = ("name", "note", "pilot", "is_model", "suite", "partial", "identity", "dronecats")  # copied fields
 
 
 def verify(path: Path) -> Verification:

@@ -96,7 +96,7 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs; position m, velocity m/s, yaw rad, yaw rate rad/s (NaN: unset); velocity with 0 if unset."""
+        """(n, 12): µs; position m, velocity m/s, yaw rad, yaw rate rad/s (NaN: unset); velocity again (0: unset)."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
@@ -211,7 +211,7 @@ class _Autopilot:
     def _std_ned(self) -> Vec3:
         """Return the larger of the estimator's and the receiver's accuracy (m), for north, east and down.
 
-        It is never better than the receiver's, because the estimator cannot detect an error of all fixes.
+        The receiver's accuracy is a lower limit, because the estimator cannot detect an error of all fixes.
         """
         horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self._estimator, self._receiver, strict=True))
         return (horizontal, horizontal, vertical)

@@ -61,7 +61,7 @@ class RunTable(Generic[Item]):
 
     @property
     def columns(self) -> tuple[SqlColumn[Item], ...]:
-        """The columns in their order: the table's own columns, then the metrics whose names they do not have."""
+        """The table's own columns, then one column for each metric whose name is not among them."""
         return (*self.own, *(_metric_column(metric) for metric in self.metrics))
 
     @property
