@@ -34,7 +34,7 @@ PIECE = 64  # points per piece of a trail; a complete piece is not sent again
 
 
 class Trail:
-    """The trail of a drone: a line in pieces that grows. Only its last piece is sent again."""
+    """The trail of a drone: a growing line, divided into pieces. Only its last piece is sent again."""
 
     def __init__(self, server: viser.ViserServer, node: str, color: tuple[int, int, int]) -> None:
         self.pieces, self._color = display.SceneNodes(server, node), color

@@ -34,7 +34,7 @@ LISTS = {
 
 
 class Controls:
-    """Shows the clock and the runs, and orders the clock when a user acts."""
+    """Shows the clock and the runs, and passes the orders of users to the clock."""
 
     def __init__(
         self,

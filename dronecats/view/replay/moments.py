@@ -73,7 +73,7 @@ def _decisions(logs: Logs) -> Iterator[Occurrence]:
 
 
 def _faults(flight: RecordedFlight) -> Iterator[Occurrence]:
-    """Yield the faults beside decisions without an action.
+    """Yield the faults other than decisions without an action.
 
     These are limits of the envelope that begin to act, an early end, warnings, and each change from OFFBOARD to another
     mode during the episode: a failsafe, or an operator's command.

@@ -106,7 +106,7 @@ def mesh_glb(mesh: Mesh) -> bytes:
 
 
 def drone_mesh(color: Vec3) -> Mesh:
-    """Return a small quadrotor whose front arms have a colour (linear RGB). The mesh has the vehicle's origin."""
+    """Return a small quadrotor whose front arms have a colour (linear RGB). Its origin is the vehicle's origin."""
     dark, bright = Material("drone-frame", (0.03, 0.03, 0.035)), Material("drone-mark", color)
     blade = Material("drone-rotor", (0.35, 0.36, 0.38))
     meshes = [
