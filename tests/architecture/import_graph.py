@@ -1,6 +1,6 @@
 """The import graph of the modules: imports at the top, in a function, or for a type checker only.
 
-A file also imports each module that it names in a string, for example as a child process.
+A module that a file names in a string, for example as a child process, counts as imported.
 """
 
 import ast

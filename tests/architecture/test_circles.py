@@ -1,4 +1,4 @@
-"""There are no import cycles, late imports included, and no package outside the listed rooms."""
+"""There are no import cycles, imports in functions included, and `ROOMS` lists every package of the product."""
 
 import re
 from functools import cache

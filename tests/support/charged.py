@@ -8,7 +8,7 @@ from dronecats.agent.latency import Circumstance, LatencyPolicy, Question
 
 @dataclass(frozen=True)
 class Charged(LatencyPolicy):
-    """Charges the result of a function of the question, computed after the reply arrives."""
+    """Charges `seconds(question)`, which is computed after the reply arrives."""
 
     seconds: Callable[[Question], float] = lambda question: 0.0
 

@@ -9,7 +9,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def fly_example(name: str, python: Path, url: str) -> None:
-    """Run an example script, and check its observed height and speed."""
+    """Run an example script, and check the height and speed that it prints."""
     run = subprocess.run([python, EXAMPLES / name, url], capture_output=True, text=True, timeout=150, check=False)
     assert run.returncode == 0, run.stderr[-2000:]
     height, speed, landed = run.stdout.splitlines()

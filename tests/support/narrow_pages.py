@@ -42,7 +42,7 @@ def row_heads_out_of_sight(driver: Any, number: int) -> list[str]:
 
 
 def right_edge_is_darker(driver: Any, number: int, *, at_end: bool) -> bool:
-    """Return whether a table's right edge is in a shadow, at the beginning or scrolled to the end."""
+    """Return whether a table's right edge is in a shadow, scrolled to the beginning, or to the end if `at_end`."""
     box = driver.execute_script(EDGE, number, at_end)
     shown: Any = cv2.imdecode(np.frombuffer(box.screenshot_as_png, np.uint8), cv2.IMREAD_GRAYSCALE)
     edge, inner = shown[:, -4:-2], shown[:, -60:-40]
@@ -50,7 +50,7 @@ def right_edge_is_darker(driver: Any, number: int, *, at_end: bool) -> bool:
 
 
 def assert_rows_can_be_read_while_scrolling(driver: Any) -> None:
-    """Assert that a table wider than the window keeps its first column in sight, and that a shadow shows the rest."""
+    """Assert that a table wider than the window keeps its first column in sight, and a shadow at hidden columns."""
     wide = wider_than_shown(driver)
     assert wide
     for number in wide:

@@ -1,6 +1,6 @@
 """Compiles the kernels and builds the maps, so that the workers of a test run find them in the user's cache folder.
 
-Otherwise every worker would do it for itself.
+Otherwise every worker would compile and build them.
 """
 
 from dronecats.bench.worker import compile_all

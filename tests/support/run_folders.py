@@ -35,7 +35,7 @@ def run_folder(
     reply_text: str | None = None,
     **configuration: Any,
 ) -> Path:
-    """Write a run of `episodes` (name → instruction), and return its folder. Each declares at its last step.
+    """Write a run of `episodes` (name → instruction), and return its folder. Drone 0 declares at the last step.
 
     `reply_text` replaces the text of every reply. The actions stay the same.
     """
@@ -109,7 +109,7 @@ def episode_folder(
 
 
 def action(step: int, drone: int, steps: int) -> dict[str, Any]:
-    """Return a drone's action: gos and one rotation, then a declaration by drone 0, while other drones think."""
+    """Return a drone's action: `go`, once `rotate`, and at the last step `finished` (drone 0) or `think` (others)."""
     if step == steps - 1:
         return {"action": "think" if drone else "finished"}
     if step == 1:

@@ -11,7 +11,7 @@ from dronecats.flight.sitl.config import AIRFRAME, CameraConfig, SimulatorConfig
 from dronecats.flight.stages.stage import CAMERA, SIMULATOR
 
 EPISODE = "residential-approaching-01"
-# A busy machine may not run a client for seconds. With PX4's defaults, a second of vehicle time without setpoints ends
+# A busy machine may pause a client for seconds. With PX4's defaults, a second of vehicle time without setpoints ends
 # Offboard, and ten seconds between arming and take-off disarm the vehicle.
 PATIENT = {"COM_OF_LOSS_T": 60.0, "COM_DISARM_PRFLT": -1.0}
 
@@ -29,7 +29,7 @@ def start_vehicle(
 
 
 def patient_state(folder: Path) -> Path:
-    """Make and return a `state_dir` whose vehicle waits for a client that the machine does not run."""
+    """Make and return a `state_dir` whose vehicle waits for a paused client."""
     vehicle = folder / "state" / "vehicle-1"
     vehicle.mkdir(parents=True)
     (vehicle / "parameters.json").write_text(json.dumps(PATIENT))

@@ -8,7 +8,7 @@ from pathlib import Path
 from autopilot.parameters import DEFAULTS
 
 ROOT = Path(__file__).parents[2]
-COMPOSED = {"FD_FAIL_P_TTRI", "FD_FAIL_R_TTRI"}  # read under a composed name
+COMPOSED = {"FD_FAIL_P_TTRI", "FD_FAIL_R_TTRI"}  # the code composes these names
 INSTEAD = {
     "GF_SOURCE": "the geofence uses the estimated position, as in PX4's default",
     "GF_PREDICT": "a breach begins when the vehicle is outside the fence, as in PX4's default",
@@ -31,7 +31,7 @@ def unused_parameters() -> list[str]:
 
 
 def section() -> str:
-    """Return the part of docs/compatibility.md about them."""
+    """Return the part of docs/compatibility.md about these parameters."""
     rows = "\n".join(f"| `{name}` | {advice} |" for name, advice in INSTEAD.items())
     unused = unused_parameters()
     others = textwrap.fill(", ".join(f"`{name}`" for name in sorted(unused) if name not in INSTEAD), 120)

@@ -62,7 +62,7 @@ class Tap(threading.Thread):
             self.note(parser, data, "vehicle")
 
     def order(self, mode):
-        """Switch the mode as another client, as a ground station does."""
+        """Switch the mode as another client does, for example a ground station."""
         command = dialect.MAVLink_command_long_message(1, 1, 176, 0, 1, MODES[mode].main, MODES[mode].sub, 0, 0, 0, 0)
         self.far.send(self.packer.pack(command))
 
