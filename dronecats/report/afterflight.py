@@ -171,7 +171,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Fill gaps with the last accuracy before them, or at the start the first. Without any: UNREPORTED_M."""
+    """Fill gaps with the last accuracy before them, at the start with the first one. Default: UNREPORTED_M."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
