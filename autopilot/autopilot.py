@@ -49,7 +49,7 @@ class Autopilot:
     returns whether this is possible. Without it, failure injection is unsupported.
     `gimbal` carries the camera; without it gimbal commands are unsupported.
     `parameter_file` and `plan_file` store parameters and plans across restarts; a missing file is created when needed.
-    Raises UsageError if one of them exists but cannot be read, or `log_dir` or `card_dir` cannot be created.
+    Raises UsageError if one of these two files cannot be read, or if `log_dir` or `card_dir` cannot be created.
     """
 
     def __init__(

@@ -86,9 +86,9 @@ class ParameterTable:
     """The present values by name. The names are sorted, so an index always means the same name.
 
     `core_defaults` are the parameters of the compiled core. `set_core` gets every later change of these parameters; the
-    table stores the value that it returns, if any. Values other than the defaults are saved in `file` (JSON), if given.
-    `unsaved` is the reason why the last save failed, or None. Raises UsageError if the file cannot be read or has a
-    value that its parameter cannot hold.
+    table stores the value that `set_core` returns, if any. Values other than the defaults are saved in `file` (JSON),
+    if given. `unsaved` is the reason why the last save failed, or None. Raises UsageError if the file cannot be read or
+    has a value that its parameter cannot hold.
     """
 
     def __init__(

@@ -118,5 +118,5 @@ def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight
 
 
 def _held(rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
-    """Return, for each of `count` rows, the index in `rows` of the last entry at or before it; -1: none."""
+    """Return, for each of `count` rows, the index in `rows` of the last entry at or before that row; -1: none."""
     return np.searchsorted(rows, np.arange(count), side="right") - 1

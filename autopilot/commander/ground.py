@@ -165,7 +165,7 @@ class LandDetector:
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
-    """Return the least sink speed (m/s) that `demand` asks for; None if it is not a clear descent.
+    """Return the least sink speed (m/s) that `demand` asks for; None if `demand` is not a clear descent.
 
     A demand with a horizontal speed above SIDEWAYS_SPEED does not count: the vehicle might slide along an obstacle.
     """
@@ -188,7 +188,7 @@ def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
 LANDING = ("LAND", "DESCEND")  # modes that end on the ground
 BLOCKED_US = 10_000_000  # µs; a landing is blocked if the vehicle sinks by less than SUNK_M in this time
 SUNK_M = 0.3
-UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; the ground slopes less
+UPRIGHT_DEG = 20.0  # a landed vehicle that leans more is not upright; no ground is so steep
 
 
 class LandingWatch:

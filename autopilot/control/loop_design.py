@@ -135,9 +135,9 @@ def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
 def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
     """Return L(s) of a position P. Inside it are the smoothing of the velocity setpoint, and the velocity loop.
 
-    G = `inner` produces the acceleration. Its setpoint is the sum of two parts. The feed-forward is s r, the derivative
-    of the smoothed velocity setpoint r. The feedback is the output of the controller C, whose input is the expected
-    velocity r / (T s + 1) minus the velocity. T is `expected` (s). With L = C G / s, the velocity is
+    G = `inner` produces the acceleration. The acceleration setpoint is the sum of two parts. The feed-forward is s r,
+    the derivative of the smoothed velocity setpoint r. The feedback is the output of the controller C, whose input is
+    the expected velocity r / (T s + 1) minus the velocity. T is `expected` (s). With L = C G / s, the velocity is
     (G + L / (T s + 1)) / (1 + L) r.
     """
     smoothing, late = lag(1.0 / RESPONSE), lag(expected)

@@ -85,7 +85,7 @@ FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle fol
 TRIM_S = 2.0  # s, time constant of `free_integral`, the smoothed integral without an obstacle
 TEST_STEP = 0.8  # m/s²; after the integral has grown this much, the change of the velocity error is checked
 ERROR_DROP = 0.05  # m/s; if the error drops less in the second half of that growth, an obstacle is the cause
-BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s; a vehicle that moves faster, against or along its push, is not blocked
+BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s, against and along the push; a faster vehicle is not blocked
 DESCENDS = 0.2  # m/s; a greater expected downward velocity is a descent
 SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
 INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term against an obstacle, and its duration
@@ -93,7 +93,7 @@ LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
 BLOCKED_S = 3.0  # s of contact after which the integral may grow again, because the cause may have been a gust
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
 KNOCK = 8.0  # m/s²; a larger sudden unexplained acceleration is a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g drone)
-KNOCK_TORQUE = 0.15  # KNOCK for torque, as a fraction of full pitch torque; in the same wind 0.06 (X500), 0.08 (small)
+KNOCK_TORQUE = 0.15  # KNOCK for torque, as a fraction of full pitch torque; in the same wind 0.06 and 0.08
 # s, time constants of the band-pass for knocks: above a gust's frequency, up to 10 Hz
 KNOCK_S, GUST_S = 0.016, 0.3
 TOUCHED_S = 1.0  # s after a knock, during which the vehicle is assumed to touch the obstacle
@@ -102,7 +102,7 @@ FELT_PLAUSIBLE = 10_000.0  # m/s², rad/s²; a larger value is an invalid measur
 
 @njit(cache=True)
 def smaller_limit(own: float, mode: float) -> float:
-    """Return the smaller of a parameter's and the mode's limit. The mode's counts only if finite and positive."""
+    """Return the smaller of a parameter's and the mode's limit. The mode's limit counts only if finite and positive."""
     return min(own, mode) if math.isfinite(mode) and mode > 0.0 else own
 
 
@@ -283,7 +283,7 @@ def integrate(
 def obstacle_axes(state: Record, vertical: bool) -> int:
     """Return the number of axes (2: north and east, 3: all) that an obstacle may block.
 
-    It is 2 in a vertical descent, which the ground may stop, and without vertical velocity feedback.
+    The result is 2 in a vertical descent, which the ground may stop, and without vertical velocity feedback.
     """
     north, east, down = state.velocity_expected
     aside = north * north + east * east > SIDEWAYS_SPEED * SIDEWAYS_SPEED
@@ -301,8 +301,8 @@ def component_along(vector: Grid, way: Vec3) -> float:
 def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: float) -> None:
     """Detect an obstacle, such as a wall, and reduce the integrals that push against it.
 
-    A vehicle at rest measures the same velocity error in wind and at a wall. Two signs show a wall: the impact
-    causes a knock, and the velocity error does not fall while the integral grows. In wind the error falls.
+    A vehicle at rest measures the same velocity error in wind and at a wall. Each of two signs shows a wall: a knock at
+    the impact, or a velocity error that does not fall while the integral grows. In wind the error falls.
     """
     total, free, tried, blocked = state.velocity_integral, state.free_integral, state.tried_integral, state.blocked_way
     north = state.velocity_expected[0] - estimate.velocity_ned[0]
@@ -341,7 +341,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
             tried[i] = total[i]
         state.tried_error = size
     elif grown < 0.5 * TEST_STEP:
-        state.tried_error = size  # kept from half of the growth on, when the rebound has ended
+        state.tried_error = size  # only until half of the growth, when the rebound has ended
     elif grown >= TEST_STEP:
         for i in range(axes):
             tried[i] = total[i]

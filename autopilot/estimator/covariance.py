@@ -7,8 +7,8 @@ for the error-state Kalman filter", section 7)
     δθ' = -R δbg        δv' = -[f]× δθ - R δba        δp' = δv
 
 So the transition matrix F = I + A dt differs from I in only nine rows, each with at most five entries besides the
-diagonal. The hard iron (magnetometer offset) has no effect on the motion. The filter can tell it from the heading
-error when the vehicle turns.
+diagonal. The hard iron (magnetometer offset) has no effect on the motion. The filter can distinguish it from a
+heading error when the vehicle turns.
 """
 
 import math

@@ -24,7 +24,7 @@ _REST = tuple(name for name in ESTIMATE.names or () if name not in ("time_us", *
 
 
 def display(dtype: np.dtype[np.void], names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
-    """Return a function that converts the numbers of fields of a record to a dict from field name to scalar or tuple.
+    """Return a function that converts the numbers of a record's fields to a dict: field name → scalar or tuple.
 
     The numbers come from `foundation.record_reader.reader` with the same names. The function is compiled from source
     text, because a dict literal takes half the time of a loop, and this runs at every tick.

@@ -59,7 +59,7 @@ def fuse_heading(
     innovation = wrap_pi(params.declination - heading)
     slope = -field[2] / horizontal
     noise = params.mag_noise / horizontal
-    # the expected direction: with the measured one, slopes and innovation would share noise, which would bias the tilt
+    # from the expected direction: from the measured one, slopes and innovation would share noise, which biases the tilt
     north, east = slope * math.cos(params.declination), slope * math.sin(params.declination)
     forward, right = hard_iron_slopes(q, horizontal, params.declination)
     variance = innovation_variance(P, state.work, 0, north, 1, east, 2, 1.0, noise * noise)

@@ -29,9 +29,9 @@ DEFAULTS: dict[str, int | float] = {
     "baro_noise": 1.0,  # m (EKF2_BARO_NOISE)
     "gps_velocity_noise": 0.15,  # m/s, least σ of a fix (EKF2_GPS_V_NOISE)
     "gps_position_noise": 0.5,  # m, least σ of a fix (EKF2_GPS_P_NOISE)
-    # Number of consecutive fixes that share one position error: they weigh as one. 18 fixes take 1.8 s. With more, such
-    # as a minute's fixes, GPS weighs less: moves of 3 m are more exact, but the estimate recovers too slowly from an
-    # impact.
+    # Number of consecutive fixes that share one position error: they weigh as one. 18 fixes take 1.8 s. With a larger
+    # number, such as the fixes of a minute, GPS weighs less: moves of 3 m are more exact, but the estimate recovers too
+    # slowly from an impact.
     "gps_fixes_alike": 18.0,
     "gate_mag": 3.0,  # σ, largest accepted innovation (EKF2_HDG_GATE)
     "gate_baro": 5.0,  # σ (EKF2_BARO_GATE)

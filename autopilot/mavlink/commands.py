@@ -1,7 +1,7 @@
 """COMMAND_LONG and COMMAND_INT: a table from command to handler, and the acknowledgement.
 
-Every handler is idempotent, because clients repeat a command until its acknowledgement arrives. It returns a
-MAV_RESULT, or None for no acknowledgement. The results are as measured on PX4 1.15.
+Every handler is idempotent, because clients repeat a command until its acknowledgement arrives. A handler returns
+a MAV_RESULT, or None for no acknowledgement. The results are as measured on PX4 1.15.
 """
 
 import math

@@ -93,7 +93,7 @@ BY_ID: dict[int, Stream] = {stream.message_id: stream for stream in TABLE}
 BY_NAME: dict[str, Stream] = {stream.name: stream for stream in TABLE}
 HEARTBEAT_ID = int(dialect.MAVLINK_MSG_ID_HEARTBEAT)
 
-# REQUEST_DATA_STREAM groups (MAV_DATA_STREAM) of clients that predate SET_MESSAGE_INTERVAL
+# groups of REQUEST_DATA_STREAM (MAV_DATA_STREAM), which older clients send instead of SET_MESSAGE_INTERVAL
 GROUPS: dict[int, tuple[str, ...]] = {
     dialect.MAV_DATA_STREAM_RAW_SENSORS: ("HIGHRES_IMU", "SCALED_PRESSURE", "GPS_RAW_INT"),
     dialect.MAV_DATA_STREAM_EXTENDED_STATUS: ("SYS_STATUS", "EXTENDED_SYS_STATE", "GPS_RAW_INT", "MISSION_CURRENT"),
@@ -110,10 +110,10 @@ PARAMETER_LIST = "parameters"  # name of the transfer of the parameter list
 # messages of each transfer per tick: with 100 ticks a second, a log is sent at 180 kB/s
 TRANSFERS_PER_TICK = 20
 PARAMETERS_PER_TICK = 18  # 1800 a second; PX4 sends 1000
-TRANSFER_BACKLOG = 200  # queued messages; transfers other than parameters pause while there are as many or more
+TRANSFER_BACKLOG = 200  # messages; transfers other than parameters pause while the queue has so many or more
 FASTEST_US = 1_000  # least interval of a stream
 ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
-QUEUE_LIMIT = 20_000  # messages; a longer queue, whose client reads nothing, loses its oldest half
+QUEUE_LIMIT = 20_000  # messages; a longer queue (its client reads nothing) loses its oldest half
 
 
 def sender(message: Message) -> tuple[int, int]:

@@ -174,10 +174,10 @@ RETURN_ARRIVED_M = 1.0
 
 
 def return_height(flight: FlightContext, distance: float, height: float) -> float:
-    """Return the height above home (m) for the flight home, from the horizontal distance and the present height (m).
+    """Return the cruise height of RETURN, from the horizontal `distance` and the present `height`, all in m.
 
-    Within RTL_MIN_DIST of home it is `height`. Farther away it is RTL_RETURN_ALT or, if lower, the height of a cone
-    over home (half-angle RTL_CONE_ANG), but at least `height`.
+    Heights are above the landing place. Within RTL_MIN_DIST the result is `height`. Farther away it is RTL_RETURN_ALT
+    or, if lower, the height of a cone over the landing place (half-angle RTL_CONE_ANG), but at least `height`.
     """
     p = flight.parameters
     if distance < p["RTL_MIN_DIST"]:

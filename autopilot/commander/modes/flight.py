@@ -68,8 +68,8 @@ class FlightContext:
     offboard: OffboardSignal = field(default_factory=OffboardSignal)
     target: FollowedTarget = field(default_factory=FollowedTarget)
     plans: Plans = field(default_factory=Plans)
-    _areas: tuple[FenceArea, ...] = ()  # of the fence, for the plan and the origin in `_areas_of`
-    _areas_of: tuple[int, float, float] | None = None
+    _areas: tuple[FenceArea, ...] = ()  # last result of `fence_areas`
+    _areas_of: tuple[int, float, float] | None = None  # version of the plans and origin, for which `_areas` holds
 
     def height_above_ground(self) -> float:
         """Return the height (m): the downward range if fresh, else above home, else above the local frame's origin."""

@@ -137,7 +137,7 @@ class Mission(Mode):
             self._target = (self._target[0], self._target[1], min(self._target[2], least))
         self._climb_z = self._target[2]
         if flight.landed and item.command != plans.LAND:
-            # as on PX4, take off to the item's height, at least MIS_TAKEOFF_ALT, even if it is no take-off item
+            # as on PX4, take off to the item's height, at least MIS_TAKEOFF_ALT, even if the item is no TAKEOFF
             self._climb_z = min(self._climb_z, least)
             self._leg = "climb"
         elif item.command == plans.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
