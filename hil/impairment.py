@@ -255,7 +255,7 @@ class ImpairedWire:
         self.down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
-        """Start the thread; set `time_s`, to which cuts refer, to 0; return self."""
+        """Start the thread and return self. Cuts refer to `time_s`, which starts at 0."""
         self._zero_s = self._clock()
         self._thread.start()
         return self

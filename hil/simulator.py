@@ -106,7 +106,7 @@ def rotor_commands(controls: Sequence[float], rotors: int, idle: float) -> list[
 
     Output 0 gives the idle speed and 1 the full speed, linear in between, as in PX4's own Gazebo bridge (SIM_GZ_EC_MIN,
     SIM_GZ_EC_MAX). So thrust is not linear in the output, as with a real motor controller. PX4 does not correct for
-    that, since THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed. A NaN output gives it too.
+    that, since THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed. NaN gives the idle speed.
     """
     used = [idle + (1.0 - idle) * min(max(u, 0.0), 1.0) if u == u else idle for u in controls[:rotors]]
     return used + [0.0] * (MAX_ROTORS - len(used))

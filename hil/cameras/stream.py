@@ -207,7 +207,7 @@ def decoded(data: bytes | Picture) -> Picture | None:
 
 
 OPEN_MS, READ_MS = 5000, 5000  # ms of silence until opening a stream fails, or until an open stream counts as broken
-LIVE_GRABS = 3  # grabs (fetches of a picture) in a row that had to wait, after which the buffer counts as empty
+LIVE_GRABS = 3  # after so many grabs (fetches of a picture) in a row that had to wait, the buffer counts as empty
 WAITED = 0.7  # a grab had to wait if it took longer than this share of the time between two pictures
 DRAIN_S = 5.0  # longest time to spend on dropping buffered pictures
 

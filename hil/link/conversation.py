@@ -38,7 +38,7 @@ class VehicleAddress:
         self._noticed_s = -math.inf
 
     def messages(self, data: bytes) -> list[dialect.MAVLink_message]:
-        """Return the messages that `data`, the bytes of the last `receive`, complete."""
+        """Return the messages that are complete with `data`, the bytes of the last `receive`."""
         peer = self._transport.peer
         if peer == self._held:
             return self._parser.feed(data)
@@ -154,7 +154,7 @@ class Conversation:
     def copy_to(self, transport: Transport) -> None:
         """Send a copy of every later message of the vehicle's system to another transport.
 
-        A port may also receive other vehicles, which a log of this vehicle must not contain.
+        A port may also receive messages of other vehicles, which a log of this vehicle must not contain.
         """
 
         def copy(message: dialect.MAVLink_message) -> None:
@@ -484,7 +484,7 @@ class Conversation:
     def order(self, name: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
         """Send a command until it is accepted, for up to `insist_s` (vehicle time) while it is temporarily rejected.
 
-        Raises LinkError with the autopilot's own words if the command is refused, or is then still rejected.
+        Raises LinkError with the autopilot's own words if the command is refused, or still rejected after `insist_s`.
         """
         since_us = self.time_us
         while (result := self.command(command, *parameters)) != dialect.MAV_RESULT_ACCEPTED:

@@ -29,7 +29,7 @@ GAIN = 0.5
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
 TOUCHING_M = 1e-3  # m: a line that passes a corner at this distance touches the corner
-TOUCHING_MPS = 1e-5  # m/s: a wall counts as acting if the velocity is this near to the wall's limit
+TOUCHING_MPS = 1e-5  # m/s: a wall (horizontal limit) counts as acting if the velocity is this near to the wall's limit
 STALE_US = 500_000  # µs without a new position or attitude, after which the last one is not used
 
 Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
@@ -174,7 +174,7 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
 
     A place beyond a limit is moved inside. If the place, or the way to the place, enters an exclusion or its margin,
     the vehicle keeps its own north and east. If the autopilot would fly to the place or turn to its heading faster
-    than the limits allow, a velocity and a yaw rate towards them replace the place.
+    than the limits allow, a velocity and a yaw rate towards place and heading replace the setpoint.
     """
     limited: list[str] = []
     north, east, down = (p - h for p, h in zip(setpoint.position_ned, home, strict=True))

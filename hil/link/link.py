@@ -121,8 +121,8 @@ class Link(Conversation):
         """Return whether the vehicle may be armed or in the air by our orders, so that we must land it.
 
         A vehicle that a person armed and did not hand over does not count. Heartbeats lag by up to a second. So if we
-        ordered it to arm and no heartbeat shows it armed, an order to disarm tests it: the vehicle obeys on the ground
-        and refuses in the air. A vehicle that we fly and that is silent after a reboot may still be in the air.
+        ordered arming and no heartbeat shows an armed vehicle, this function orders disarming: the vehicle obeys on the
+        ground and refuses in the air. A vehicle that we fly and that is silent after a reboot may still be in the air.
         """
         if not self._tried_to_arm or self.state.armed:
             may_be_armed = self.state.armed or not self.state.heartbeat_us

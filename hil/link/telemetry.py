@@ -31,7 +31,7 @@ class StatusTexts:
         self._open_id = 0  # STATUSTEXT.id of that text
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. A text is complete after a piece that is not full, at another text, or at a read."""
+        """Take a STATUSTEXT. A text ends with a piece that is not full, when another text begins, or at a read."""
         text = _plain(message.text)
         if message.id != self._open_id or message.chunk_seq == 0:
             self._complete()
@@ -66,7 +66,7 @@ WRAP_MS = 1 << 32  # time_boot_ms is a uint32
 FAR_MS = 60_000  # ms; a stamp further ahead than this, or one after a reboot, counts only if others confirm it
 LATE_MS = 5_000  # a stamp that is older than the newest by more than this is not from a late packet
 CONFIRMED = 5  # number of stamps in a row that must agree, to confirm a stamp
-CONFIRMED_S = 0.3  # s that must pass from the first to the last of them, unless they come from a recording
+CONFIRMED_S = 0.3  # s that must pass from the first to the last of these stamps, unless they come from a recording
 
 
 class _Doubt(NamedTuple):
@@ -198,7 +198,7 @@ STATE_MESSAGES = frozenset(  # the messages that change the state
 def update(
     state: VehicleState, message: dialect.MAVLink_message, time_us: int = 0, received_us: int | None = None
 ) -> VehicleState:
-    """Return the state after a message of the autopilot component with the time `time_us` of the vehicle's clock.
+    """Return the state after a message of the autopilot component. `time_us`: the time of the message, vehicle clock.
 
     `received_us`: the message's arrival by the vehicle's clock, on a link with known delay; None: no delay. Poses get
     `time_us`, mode and heartbeat get `received_us`. A pose is ignored if it is older than the newest pose or contains a

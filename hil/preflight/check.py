@@ -125,7 +125,7 @@ def rehearse(link: Link) -> Row:
         return _switch(link).named(REHEARSAL)
     finally:
         link.stop_stream()
-        with contextlib.suppress(DronecatsError):  # an error of the test itself is more useful
+        with contextlib.suppress(DronecatsError):  # an error of the test itself is more useful than this one
             link.set_mode("HOLD")
 
 

@@ -51,7 +51,7 @@ FailsafeRule = Callable[[Situation, Value], RuleResult]
 
 
 def _wrong(new: Value, why: str, reason: str) -> RuleResult:
-    """Return a failed result with the value that mends it."""
+    """Return a failed result that proposes the value `new`."""
     return RuleResult(False, why, f"set it to {new:g}, which --fix proposes", new, reason)
 
 
@@ -275,7 +275,7 @@ def read_failsafe(link: Link) -> str:
 def findings(situation: Situation) -> list[Finding]:
     """Return one finding on the sticks, one for each rule, and two on the pilot's switches if there are sticks.
 
-    Without the parameter of a signing rule, there is no finding on it.
+    A signing rule gives no finding if the autopilot did not send its parameter.
     """
     switches = [_mode_switch(situation).named("mode switch"), _kill_switch(situation).named("kill switch")]
     signing = {name: rule for name, rule in SIGNING_RULES.items() if situation.values.get(name) is not None}

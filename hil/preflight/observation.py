@@ -87,7 +87,7 @@ STREAM_HZ: dict[int, float] = {  # rates to request; the first two streams are t
 }
 ONCE = (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC requests
-ANSWER_US = 1_000_000  # µs at the end in which no TIMESYNC is requested while an earlier one still waits for a reply
+ANSWER_US = 1_000_000  # µs; in this time at the end, no TIMESYNC is requested while an earlier one waits for a reply
 TRIES = 3  # attempts for a message that does not arrive by itself
 
 
