@@ -83,7 +83,7 @@ class SolidTriangles(NamedTuple):
 
 @njit(cache=True)
 def in_triangle(corners: Grid32, t: int, x: float, y: float, z: float) -> tuple[float, float, float, bool]:
-    """Return (x, y, z of the point of triangle t nearest to (x, y, z), whether this point is not on an edge).
+    """Return the point of triangle t nearest to (x, y, z), as three numbers, and whether this point is off the edges.
 
     By the regions of Ericson, "Real-Time Collision Detection" (2005), 5.1.5.
     """
