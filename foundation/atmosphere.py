@@ -16,6 +16,6 @@ def pressure(altitude: float) -> float:
 
 
 def pressure_altitude(pressure_hpa: float) -> float:
-    """Return the altitude (m above mean sea level) at which a pressure (hPa, above 0) is found."""
+    """Return the altitude (m above mean sea level) at a pressure (hPa, above 0)."""
     altitude: float = 44330.769 * (1.0 - (pressure_hpa / PRESSURE_0) ** 0.190263)
     return altitude

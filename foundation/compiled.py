@@ -110,8 +110,8 @@ def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Call
     """Return the decorator `numba.njit(…)` with caching; it keeps signatures for the type checker.
 
     `allocates`: the kernel, or a kernel that it calls, creates an array. numba counts references only in this case.
-    With reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, for
-    which threads that share the array wait. Short kernels would spend most of their time on this.
+    With reference counts, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, and
+    threads that share the array wait for each other. Short kernels would spend most of their time on this.
 
     Without a writable cache folder, each start of the program compiles again. A cache beside the sources, as numba has
     by default, gets out of date and fails if the sources are read-only. The wrapper for calls from C is omitted, which

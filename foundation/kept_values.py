@@ -1,4 +1,4 @@
-"""Caches slowly computed values in the user's cache folder. They depend only on sources, libraries and an input."""
+"""Caches slowly computed values, which depend only on sources, libraries and an input, in the user's cache folder."""
 
 import contextlib
 import hashlib
@@ -17,8 +17,8 @@ from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "numba")  # their arithmetic may differ between versions
-# When a value is stored, an older file with its `name` is removed if FILES_MAX files were used later, or if it was not
-# used for KEPT_S (s).
+# Storing a value removes old files with its `name`: all but the FILES_MAX last used ones, and files that were not used
+# for KEPT_S (s).
 FILES_MAX, KEPT_S = 8, 7 * 86_400.0
 T = TypeVar("T")
 

@@ -45,7 +45,7 @@ def limit_gb() -> float | None:
 
 
 def check(name: str, needed_gb: float) -> None:
-    """Raise UsageError if the limit on the address space is below the need of `name`, such as a command.
+    """Raise UsageError if the limit on the address space is too low for `name`, for example a command.
 
     `needed_gb`: the need (GB) as measured on `CORES_MEASURED` cores; more cores need more.
     """

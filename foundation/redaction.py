@@ -49,7 +49,7 @@ def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
 def redacted_url(url: str) -> str:
     """Return an address for display, without possible keys. If it cannot be parsed, at most its scheme is shown.
 
-    With another scheme than http, ws or rtsp, such as serial:// or udpin://, only the user is hidden.
+    With other schemes than http, ws and rtsp, such as serial:// or udpin://, only user and password are hidden.
     """
     match = _URL_FIELDS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
     if match is None:

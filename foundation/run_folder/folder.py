@@ -37,11 +37,11 @@ def create(
 ) -> Iterator[Path]:
     """Yield a new episode folder with empty logs, in a run folder with run.json. Both are locked during the block.
 
-    The run folder is `out`, or a new one named after the time and the pilot. An earlier flight of the episode that has
-    no score, because its verdict is an error or it was killed, is moved to UNFINISHED. `first` is called when the run
-    folder exists and accepts this flight, before logs are written and before an earlier flight is moved. If `first`
-    raises, a new run folder is removed again. Raises UsageError if `out` has a scored flight of the episode or another
-    configuration, or cannot be written.
+    The run folder is `out`, or a new one named after the time and the pilot. An earlier flight of the episode without a
+    score (killed, or its verdict is an error) is moved to UNFINISHED. `first` is called when the run folder exists and
+    accepts this flight, before logs are written and before an earlier flight is moved. If `first` raises, a new run
+    folder is removed again. Raises UsageError if `out` has a scored flight of the episode, has another configuration,
+    or cannot be written.
     """
     with contextlib.ExitStack() as held:
         try:
@@ -116,7 +116,7 @@ def hold(lock: Path, folder: Path, *, shared: bool = False) -> TextIO:
 
 
 def prepare(folder: Path) -> None:
-    """Create an episode folder with empty logs, so that a flight that logs nothing is judged too. Raises OSError."""
+    """Create an episode folder with empty logs, so that a flight that logs nothing can be judged. Raises OSError."""
     (folder / layout.FRAMES).mkdir(parents=True, exist_ok=True)
     for log in (layout.DECISIONS, layout.TRUTH):
         (folder / log).touch()

@@ -208,7 +208,7 @@ def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = No
 def _read(
     path: Path, at_once: "FastReader[Row]", strictly: Callable[["LogLine", dict[str, Any]], Row | None]
 ) -> Iterator[Row]:
-    """Yield the rows of a file. `strictly` reads the lines that the fast reader leaves; None: the line is skipped."""
+    """Yield the rows of a file. `strictly` reads the lines that the fast reader does not; None: skip the line."""
     for number, text in _lines(path):
         made = at_once(text)
         if made is None:

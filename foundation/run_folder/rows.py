@@ -398,7 +398,7 @@ class FlownThing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlownRecord:
-    """The part of episode.json that the judging of a fleet needs. The full record: `episodes.records.record`."""
+    """The part of episode.json that the judge needs for a fleet. The full record: `episodes.records.record`."""
 
     cell: str
     target: FlownThing
