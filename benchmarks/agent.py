@@ -110,7 +110,7 @@ class StandInCamera:
 
 
 def frames() -> list[Frame]:
-    """Return the first frames of the four drones of an episode."""
+    """Return the first frame of each of the four drones of EPISODE."""
     world, camera = World(catalogue.load(EPISODE)), CameraModel()
     renderer = Renderer(world.filmed, camera)
     pictures = []

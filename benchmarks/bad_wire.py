@@ -12,9 +12,9 @@ holds, landing. Figures of a row:
 
 A flight with a cut ends when the link comes back and finds the autopilot in Hold. This counts as survived. By
 default each row starts a new simulator of this project, with its own autopilot or with the PX4 that COMMAND starts.
-With --to, a running autopilot on the ground flies. Then `heading_off_deg` shows whether paths can be compared: PX4's
-own simulation was up to 4° off in both directions. `--short` flies a part of the minute over the perfect wire and a
-lossy one, in the project's simulator at three times real time. It only checks that everything runs.
+With --to, a running autopilot flies; its vehicle must be on the ground. Then `heading_off_deg` shows whether paths can
+be compared: PX4's own simulation was up to 4° off in both directions. `--short` flies a part of the minute over the
+perfect wire and a lossy one, in the project's simulator at three times real time. It only checks that everything runs.
 """
 
 import argparse

@@ -4,8 +4,8 @@
 
 Half of the places are drawn from the whole map, half from above a random object. The vehicle boots on a platform above
 the place and takes off. Then the platform is removed, and the vehicle is ordered to land. The result `upright` means
-that the vehicle is disarmed and upright. A landing that ends otherwise `says why` if the autopilot sent a warning, and
-is `silent` if it sent none. The goal is that no landing is silent.
+that the vehicle is disarmed and upright. Any other landing has the result `says why` if the autopilot sent a
+warning, and `silent` if it sent none. The goal is that no landing is silent.
 """
 
 import json

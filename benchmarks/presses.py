@@ -1,4 +1,4 @@
-"""Pushes a vehicle against obstacles (each is a press): walls, posts, cars, trees, slopes and the ground, on all maps.
+"""Pushes a vehicle against obstacles (each push is a press): walls, posts, cars, trees, slopes, ground, on all maps.
 
 In each press the vehicle takes off before an obstacle, flies into it at 1.2 m/s as for an agent's action `go`, keeps
 pushing, and then backs off. From the first contact on, the true state is compared with the autopilot's estimate.
@@ -102,7 +102,7 @@ PRESSES = (
 
 # Upper limits of a press, by field of `Outcome`.
 LIMITS = {"attitude_deg": 3.0, "velocity_error": 1.0, "position_error_m": 3.0, "speed": 1.5 * SPEED, "tilt_deg": 90.0}
-PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # limits for a real PX4, whose other figures have none
+PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # a real PX4 has only these limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +137,7 @@ class Outcome:
     tilt_deg: float  # true
     ratio: float  # worst test ratio of the GPS velocity (ESTIMATOR_STATUS)
     resets: int
-    clipped: int  # accelerometer readings beyond the range, every 1 ms; the counts of the three axes are added
+    clipped: int  # accelerometer readings (every 1 ms) beyond the range, summed over the three axes
     crashed: bool
     left_m: float  # distance backed off, measured until AWAY_M is reached or another obstacle is hit
     met_another: bool  # the vehicle backed off into another obstacle

@@ -9,8 +9,8 @@ and no vehicle is reset.
 
     refused           orders that were not carried out, by reason
     without a cause   refused orders for which the autopilot sent no text
-    memory %          change of private memory from the first to the last third of the samples, of the process with the
-                      largest change; the first three rounds are left out, because caches fill in them
+    memory %          largest change of a process's private memory from the first to the last third of the samples; the
+                      first three rounds are left out, because caches fill in them
     files             lowest and highest number of open files of all processes together after the first three rounds;
                       every camera request and every log that is being written holds files open
     grown             change of the mean number of open files between the same thirds

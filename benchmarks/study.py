@@ -12,7 +12,7 @@ Three benchmarks are timed from the start of the command to its end:
 `episodes_per_core_hour` counts the processor time of all processes, including their start. It is also meaningful on a
 busy machine. `episodes_per_hour`, `minutes_for_2000` (2000 episodes of one drone), `minutes_for_2000_of_all` (one in
 five has four drones) and `two_jobs_over_one` count wall time and need an idle machine. For `parts` and `phases`, one
-process flies undrawn episodes one after another. A sample every 2 ms of processor time, after the start of the process,
+process flies undrawn episodes one after another. After the start of the process, a sample every 2 ms of processor time
 notes the innermost running function of the project (`parts`) and the phase of the flight (`phases`).
 """
 
