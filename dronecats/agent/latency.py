@@ -66,7 +66,7 @@ class LatencyPart:
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """A reply's latency in vehicle time: the sum of the parts, which a part `cap` (a maximum rate) may only extend."""
+    """A reply's latency in vehicle time: the sum of the parts. A part `cap` (a maximum rate) only extends this sum."""
 
     parts: tuple[LatencyPart, ...]  # empty: real time
 

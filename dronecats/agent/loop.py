@@ -138,7 +138,7 @@ class Tally:
 
 
 class Asker:
-    """Asks one model about drones, question by question. Subclasses say when, and what follows from a reply."""
+    """Asks one model about drones, one question at a time. Subclasses decide when to ask, and act on the reply."""
 
     def __init__(self, questions: Questions, cockpit: Cockpit, now_s: Callable[[], float], tally: Tally) -> None:
         """`now_s` reads the episode's clock; all askers of an episode share `tally`."""
@@ -150,7 +150,7 @@ class Asker:
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
         """Ask and act until `cap_s`, or until `stop` returns True for a decision; yield once per tick.
 
-        Returns whether `stop` ended it. Raises ModelError, CameraError, LinkError.
+        Returns whether `stop` ended the flight. Raises ModelError, CameraError, LinkError.
         """
         while self._now_s() < cap_s:
             decisions = yield from self._turn(cap_s)
@@ -159,7 +159,7 @@ class Asker:
         return False
 
     def _turn(self, cap_s: float) -> Generator[None, None, Sequence[Decision]]:
-        """Yield while one question and its consequences take place, or once; return its decisions."""
+        """Yield while one question is answered and acted on, or once without a question; return the decisions."""
         raise NotImplementedError
 
     def _newest_frames(

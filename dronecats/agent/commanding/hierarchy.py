@@ -45,7 +45,7 @@ class FleetCommander(Asker):
 
     The commander sees the picture of every camera, and the roster (the state of each drone as text). It gives goals.
     Only the commander declares arrival: a pilot's report becomes a declaration when the commander confirms it. The
-    declaration has the id and time of the picture from this pilot's drone in the commander's question.
+    declaration has the id and time of the picture of this pilot's drone that the commander saw.
     """
 
     def __init__(

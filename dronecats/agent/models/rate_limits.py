@@ -89,7 +89,7 @@ def http_date(text: str | None) -> datetime | None:
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-LONGEST_WAIT_S = 60.0  # s, longest block of requests; later stored times are ignored: the clock has been set back
+LONGEST_WAIT_S = 60.0  # s, longest block of requests; a stored time farther ahead is ignored: the clock was set back
 SLOW_S = 60.0  # s; after a block, requests are sent one by one for this time
 SLOW_INTERVAL_S = 0.5  # s between requests during SLOW_S; needed for vendors without rate-limit headers
 MINUTE_S = 60.0  # s, assumed time of a refill if the headers do not give it

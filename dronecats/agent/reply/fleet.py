@@ -115,7 +115,7 @@ def _of_values(drone_values: list[ReadValue], drones: int) -> Assignment:
 def _of_arrays(arrays: list[ReadValue], drones: int) -> Assignment:
     """Return the assignment of the only array, or of the only array with as many objects as drones.
 
-    Raises ActionError if there are several arrays and not exactly one of them has this number of objects.
+    Raises ActionError for several arrays, unless exactly one of them has this number of objects.
     """
     fitting = [array for array in arrays if len(_items(array.value) or []) == drones]
     if len(arrays) > 1 and len(fitting) != 1:
