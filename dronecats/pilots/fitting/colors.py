@@ -84,7 +84,7 @@ def build(seed: int) -> Scene:
 
 
 def photograph(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[tuple[NDArray[np.uint8], Target]]:
-    """Yield RGB pictures (360, 640, 3) from random poses, each with its target; a share ABSENT does not show it."""
+    """Yield RGB pictures (360, 640, 3) from random poses, each with its target, which a share ABSENT does not show."""
     rng = np.random.default_rng((seed, 12))
     spots = residential_places.places(seed).spots
     targets = [i for i in scene.instances if i.kind == "target"]
@@ -176,7 +176,7 @@ draw = partial(training.draw, build, photograph)
 def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> Examples:
     """Return the patches of a picture for several instructions: one for its target, others for absent ones.
 
-    Labels: 1 for the target, else 0; for the target, log(true distance / distance estimated by size), else 0.
+    Labels (N, 2): 1 for the target, else 0; log(true distance / distance estimated by size) for the target, else 0.
     """
     wanted = [(target.asset, target.paint)]
     while len(wanted) <= ABSENT_TARGETS:

@@ -168,8 +168,8 @@ SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
 
 # Limits of the offset from a window to a thing: log of the ratio of distances, offset aside (m), offset in height (m).
-# A window within EXAMPLE_TOLERANCE is an example of the thing. Other windows within UNUSED_TOLERANCE are not used. The
-# next windows, within PARTIAL_TOLERANCE, show a part of the thing; some are examples of an empty window.
+# A window within EXAMPLE_TOLERANCE is an example of the thing. Other windows within UNUSED_TOLERANCE are not used.
+# Windows farther off, within PARTIAL_TOLERANCE, show a part of the thing; some are examples of an empty window.
 EXAMPLE_TOLERANCE = (0.10, 0.36, 0.17)
 UNUSED_TOLERANCE = (0.26, 0.90, 0.40)
 PARTIAL_TOLERANCE = (0.60, 1.6, 0.80)
@@ -183,7 +183,7 @@ NO_EXAMPLE = -1  # label of a window that is not used
 RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture: random ones, and ones mistaken for a thing
 DISPLACED_WINDOWS = 12  # empty windows per picture that show a part of a thing
 MOST_MISTAKES = 6  # largest number of mistaken windows for each picture, distance and height
-USUAL_WINDOWS = 5000.0  # usual number of windows per picture, to draw a random share of them
+USUAL_WINDOWS = 5000.0  # usual number of windows per picture, for the share of random windows
 USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0  # `usual_fill`: percentile over the things nearer than this (m)
 
 HIDDEN = 80  # units of the hidden layer

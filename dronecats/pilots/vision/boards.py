@@ -25,7 +25,7 @@ from foundation.protocol import NEAR_M, STRIDE_MAX_M, STRIDE_MIN_M
 HEIGHT_M, WIDTH_M = 0.86, 1.26  # of a board with its frame
 _LEVEL_STEP = 8  # step between two thresholds of a Lab channel (0 … 255)
 _TOLERANCES = (6.0, 9.0, 13.0, 18.0, 24.0, 32.0)  # limits of color_difference that `_find_of_color` tries
-_LEAST_PX = (4, 5)  # width and height that a board has at least
+_LEAST_PX = (4, 5)  # px, least width and height of a board
 _FARTHEST_M = 48.0
 _WIDEST = 1.75  # a board is at most this many times as wide as it is high; a long word makes it wider
 _FILLED = 0.5  # at least this share of a board's rectangle is paint and not letters
@@ -67,9 +67,9 @@ def _find_of_color(picture: Picture, color: Color) -> list[Candidate]:
 
 
 def find_alike(pictures: Sequence[Picture], most: int) -> list[list[Candidate]]:
-    """Return the boards of each picture that have the paint of the most boards, left to right.
+    """Return each picture's boards of the most frequent paint, left to right.
 
-    most: at most this many boards of a picture count for a paint.
+    most: one picture counts for at most this many boards of a paint.
     """
     views = [find(picture) for picture in pictures]
     all_boards = [board for view in views for board in view]

@@ -225,7 +225,7 @@ def _detect_by_size(picture: Picture, referent: Referent) -> Iterator[Detection]
 
 
 def _grouped(stats: NDArray[np.int32], tint: NDArray[np.float64] | None) -> Iterator[NDArray[np.int64]]:
-    """Yield the labels of the largest patches of colour, each joined with the patches of the same tint that are near.
+    """Yield the labels of the largest patches of colour, each joined with near patches of the same tint.
 
     Glass, pillars and trim divide the paint of one vehicle into roof, doors and bonnet.
     """

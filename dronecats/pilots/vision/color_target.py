@@ -36,7 +36,7 @@ _CLEAR_M = 1.9  # distance between the drone's path and the edge of the thing
 _RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
 _FLANK_TURN_DEG = 60.0
 FLANK_DISTANCE_M = 4.0  # distance from a passing drone to the flank
-_PASSING_OFFSET = 0.08  # fraction of the picture's width; the drone already passes a thing this far off the middle
+_PASSING_OFFSET = 0.08  # fraction of the picture's width; a thing farther off is passed on its side nearest the middle
 _CUT_OFF = 0.49  # fraction of the picture's width; the picture cuts off a thing that reaches farther from the middle
 
 
