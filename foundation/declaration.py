@@ -2,8 +2,8 @@
 
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 
-The declaration is the only source of the bounds of a value, its error messages, its command-line option, its row in the
-docs, its use as a factor of a study, and the sentence about it (`words`).
+The declaration is the only source of a value's bounds, error messages, command-line option, row in the docs, use as a
+factor of a study, and sentence (`words`).
 """
 
 import sys
