@@ -4,9 +4,9 @@
 
 Renders single boards and cars, with inscriptions that no episode uses, as the picture that a pilot gets (640×360,
 JPEG). Cuts out the line of text at its known place and reads it. Prints, for each kind, distance and viewing angle (0°:
-head-on), how many lines were read fully, and how many gave a wrong text of the right length with a confidence that the
-pilot accepts. Then prints the CPU milliseconds per line. `--short` takes seconds and only checks that every figure can
-be measured.
+head-on), how many lines were read fully, and how many were misread as a text of the right length that the pilot
+accepts. Then prints the CPU milliseconds per line. `--short` takes seconds and only checks that every figure can be
+measured.
 """
 
 import json
