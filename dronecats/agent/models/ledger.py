@@ -202,7 +202,7 @@ class BudgetedModel(WrappedModel):
     def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: LedgerInterface) -> None:
         super().__init__(model)
         self._spec, self._budget, self._ledger = spec, budget, ledger
-        self._open: dict[object, Request] = {}  # questions that are neither answered nor booked yet
+        self._open: dict[object, Request] = {}  # questions without an answer, not booked yet
 
     def ask(self, request: Request) -> Reply:
         """Return the reply and book its cost. Raises BudgetError, ModelError, InfrastructureError.

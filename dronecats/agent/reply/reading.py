@@ -28,7 +28,7 @@ def reading(reply: str, drones: int, axis_order: AxisOrder = "xy", parser: Reply
 
     strict: accepts the form that the prompt asks for, without corrections. lenient: accepts any text with only one
     possible meaning, and lists its corrections. If the strict parser accepts a reply, both parsers give the same
-    result, except if the objects of a fleet name their drones in another order than the pictures. Never raises.
+    result. Exception: the objects of a fleet name their drones in another order than the pictures. Never raises.
     """
     if parser == "strict":
         return [_reading(result) for result in strict.parse_fleet(reply, drones, axis_order)]

@@ -112,8 +112,8 @@ def leg_to(
 ) -> Leg:
     """Return the leg to a goal from a position, if a decision comes about every `period_s`.
 
-    The pace is the paper's 1.2 m/s, or slower, so that the way takes at least one step (2.5 s), or at least CAREFUL_S
-    for a short stride (`careful`). Without a next decision the leg continues for one more period.
+    The pace is at most the paper's 1.2 m/s, and so slow that the way takes at least one step (2.5 s), in a short stride
+    (`careful`) at least CAREFUL_S. Without a next decision the leg continues for one more period.
     """
     lasts_s = STEP_S if careful else max(STEP_S, period_s)
     pace = min(SPEED_MAX, math.dist(goal_ned, position_ned) / (CAREFUL_S if careful else STEP_S))
@@ -126,7 +126,7 @@ def steer(
     """Return the setpoint of a leg at a position; None for a hold: the goal is reached or passed, or the leg has ended.
 
     course: last course (rad), kept when close to the goal; None: no course yet. resting: the drone has reached the
-    goal, and follows it again only when it is more than FOLLOW_AGAIN_M away.
+    goal, and follows the goal again only beyond FOLLOW_AGAIN_M.
     """
     goal = leg_to.goal(now_s)
     north, east, down = (g - p for g, p in zip(goal, position_ned, strict=True))
