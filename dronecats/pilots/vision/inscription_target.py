@@ -131,8 +131,8 @@ def find_candidates(
 ) -> list[list[Candidate]]:
     """Return for each picture the things that may carry the inscription, left to right.
 
-    All candidates of an episode look alike, so all have the same paint: the one with the highest scores of the drones'
-    own vehicles, or, if these are equal, of all vehicles. kind: the vehicle that the command names; not for boards.
+    All candidates of an episode have the same paint: for vehicles, the paint with the highest scores of the drones' own
+    vehicles, or, if these are equal, of all vehicles. kind: the vehicle that the command names; not used for boards.
     """
     if not wanted.on_plate:
         return boards.find_alike(pictures, _LOOK_ALIKES)

@@ -1,9 +1,9 @@
 """Searches for a target that is not in the picture, and turns away from a wrong target.
 
 A search is a full circle of turns, strides in the direction with the most open view, and another circle. A declaration
-that did not end the flight was wrong. The drone declares at a thing up to three times, each time from a shorter
-distance. Then it turns away by LEAVE_TURN_DEG and ignores that thing. The prompt's history of five actions gives the
-state of the search.
+that did not end the flight was wrong. At a thing of the named colour, the drone declares up to three times, each time
+from a shorter distance. Then it turns away by LEAVE_TURN_DEG and ignores that thing. The prompt's history of five
+actions gives the state of the search.
 """
 
 import math
