@@ -168,7 +168,7 @@ class ParameterTable:
             write_text(file, json.dumps(changed, indent=1) + "\n")
             self.unsaved = None
         except OSError as error:  # a full disk must not stop the flight
-            self.unsaved = error.strerror or "the disk refused"
+            self.unsaved = error.strerror or "the disk reported an error"
 
 
 def _coerced(value: float, integer: bool) -> int | float:

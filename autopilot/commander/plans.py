@@ -387,7 +387,7 @@ class Plans:
             write_text(self._file, json.dumps({**content, "current": self.current}, indent=1) + "\n")
             self.unsaved = None
         except OSError as error:  # a full disk must not stop the flight
-            self.unsaved = error.strerror or "the disk refused"
+            self.unsaved = error.strerror or "the disk reported an error"
 
 
 def _entry(item: PlanItem) -> dict[str, Any]:

@@ -133,7 +133,7 @@ def _fly(request: "StudyRequest") -> int:
         repeats = {run.entry.name: _repeat_command(run) for run in bench.runs if run.part}
         if not args.json:
             exact = all(run.entry.flight.repeats_exactly for run in bench.runs)
-            print(f"To repeat one flight of each run{', to the same bytes' if exact else ''}:")
+            print(f"Commands that repeat one flight of each run{', with the same bytes' if exact else ''}:")
             for command in repeats.values():
                 print(f"  {command}")
         more = {"study": study.name, "again": repeats, "report": next_commands("study", out=out)[0]}

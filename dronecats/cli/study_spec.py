@@ -227,7 +227,9 @@ def _pilots(
             " a row of models.toml has its own"
         )
     if factor == "pilot" and args.rendered:
-        raise UsageError("--rendered goes with --pilot: if the pilot is a factor, frames follow from the pilot")
+        raise UsageError(
+            "--rendered goes with --pilot: if the pilot is a factor, each pilot decides whether frames are rendered"
+        )
     args.agent, args.command = None, list(levels.get("command", ()))
     if factor:
         setattr(args, factor, [levels[factor][0]])

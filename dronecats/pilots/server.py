@@ -39,7 +39,7 @@ class PilotServer:
             self._http = _Http((host, port), _Handler)
         except (OSError, OverflowError) as error:
             raise UsageError(
-                f"The pilot server cannot listen on {host}:{port}: {error}. Choose another port."
+                f"the pilot server cannot listen on {host}:{port}: {error}. Choose another port"
             ) from error
         self._http.pilot, self._http.name, self._http.owned_by = pilot, name, owned_by
         self._thread: threading.Thread | None = None

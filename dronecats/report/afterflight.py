@@ -254,7 +254,9 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     target_ned = None
     if target is not None:
         if record.origin is None:
-            raise UsageError(f"{record.source} has no place on Earth of its local frame: GPS_GLOBAL_ORIGIN is missing")
+            raise UsageError(
+                f"{record.source} does not say where on Earth its local frame is: GPS_GLOBAL_ORIGIN is missing"
+            )
         target_ned = target.ned(record.origin)
     frames = {(d.drone, d.frame_id): d.t_frame for d in flight.logs.decisions}
     poses_s = np.arange(0.0, flight.end_s + 1e-6, POSE_PERIOD_S)
@@ -386,7 +388,9 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     ]
     origin = estimated_log.head.origin
     if not true or not common or not origin:
-        raise UsageError(f"{folder} has no time or no origin for a comparison of the estimate with the truth")
+        raise UsageError(
+            f"{folder} has no truth at the times of the estimate, or no origin, so the two cannot be compared"
+        )
     estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *p.position_ned)) for p, _ in common]
     apart = np.subtract(estimated, true.positions(np.array([p.t for p, _ in common])))
     std = np.array([std_m for _, std_m in common])

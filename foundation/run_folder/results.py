@@ -58,7 +58,7 @@ class DroneDiagnostics(Diagnostics):
 
     drone: DroneNumber
     declarations: Annotated[int, doc("within the cap")]
-    qualifying: Annotated[int, doc("number of these that are known to qualify")]
+    qualifying: Annotated[int, doc("number of declarations that are known to qualify")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +112,7 @@ class CommandingDiagnostics:
     """Measures of the commands in a commanding episode."""
 
     all_go_steps: Annotated[int, doc("steps with a question about several drones, all of which got a go")]
-    identical_points: Annotated[int, doc("number of these with one point for all drones")]
+    identical_points: Annotated[int, doc("number of all_go_steps with one point for all drones")]
     identical_share: Annotated[float | None, doc("0 … 1; null: no such step")]
     one_candidate: Annotated[int, doc("number of these on which all drones approach the same candidate")]
     candidates_neared: Annotated[int, doc("number of candidates, with the target, that any drone approached")]
@@ -135,7 +135,9 @@ class Verdict:
     """The verdict that follows from the logs of an episode: verdict.json."""
 
     outcome: Outcome
-    success: Annotated[bool | None, doc("null: no truth was measured, or only a flight with --full shows it")]
+    success: Annotated[
+        bool | None, doc("null: no truth was measured, or only a flight with --full can show the outcome")
+    ]
     ne_m: Annotated[float | None, doc("m, navigation error: the distance at the decisive measurement")]
     delta_m: Annotated[float, doc("m, success radius to the target's centre")]
     censored: Annotated[bool, doc("the log ends before the cap; the outcome is final, or unknown for this reason")]
@@ -156,7 +158,7 @@ class Verdict:
     distances: Annotated[Distances | UnsetType | None, doc("only if no truth was measured")] = UNSET
     wide_rotations: Annotated[Whole, doc("turns of more than 90°, within the cap; only if any")] | UnsetType = UNSET
     commanding: Annotated[CommandingDiagnostics | UnsetType, doc("only for a commanding episode")] = UNSET
-    cap_s: Annotated[float | UnsetType, doc("s, later declarations do not count; only if not 300")] = UNSET
+    cap_s: Annotated[float | UnsetType, doc("s, later declarations do not count; missing: 300")] = UNSET
     host_stalls: Annotated[Whole, doc("steps that the host delayed; only if any")] | UnsetType = UNSET
     contacts: Annotated[Contacts | UnsetType, doc("only if the log has hits; never part of the outcome")] = UNSET
     estimator_resets: Annotated[

@@ -64,7 +64,7 @@ class EpisodeIdentity:
     record_sha256: Annotated[str | None, doc("digest of episode.json; null: no such file")]
     frames: Annotated[Whole, doc("number of pictures that the pilot got")]
     frames_sha256: Annotated[
-        str | None, doc("digest of their JPEG bytes in the order of their names; null: no picture")
+        str | None, doc("digest of the pictures' JPEG bytes, in the order of the file names; null: no picture")
     ]
     served: Annotated[
         tuple[str, ...], doc("names and versions of models in the vendor's replies; empty: only the requested name")
@@ -192,7 +192,9 @@ class Exchange:
     frames: Annotated[tuple[Whole, ...], doc("frame_id of each drone's picture, in the order of the drones")]
     reply: Annotated[str | None, doc("as received; null: no reply in time")]
     orders: Annotated[tuple[Order, ...], doc("orders that took effect")]
-    confirms: Annotated[tuple[DroneNumber, ...], doc("drones whose report was confirmed; each is a decision")]
+    confirms: Annotated[
+        tuple[DroneNumber, ...], doc("drones whose report was confirmed; decisions.jsonl has a row for each")
+    ]
     error: Annotated[str | None, doc("why the reply, or a part of it, had no effect")] = None
     latency_s: Annotated[Number | None, doc("s of vehicle time that the reply took")] = None
     tokens_in: int | None = None
@@ -294,7 +296,7 @@ class FrameTruth(TargetMeasurement):
 class Hit:
     """A drone hit something, in truth.jsonl. Each thing is logged once per contact.
 
-    A contact that began below 0.15 m/s is logged once it has lasted for half a second.
+    A contact that began below 0.15 m/s is logged only after it has lasted half a second.
     """
 
     kind: Literal["hit"] = "hit"

@@ -99,7 +99,7 @@ def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check
     UsageError for an armed vehicle.
     """
     if link.state.armed:
-        raise UsageError("the vehicle is armed; parameters are only changed on one that is not: disarm it first")
+        raise UsageError("the vehicle is armed; parameters are changed only on a disarmed vehicle: disarm it first")
     parameters = Parameters(link)
     for change in changes:
         parameters.set(change.name, change.new)
@@ -118,7 +118,7 @@ def rehearse(link: Link) -> Row:
     Never arms, and does nothing with an armed vehicle. Raises LinkError if the vehicle is gone.
     """
     if link.state.armed:
-        return Row(REHEARSAL, False, "not done: the vehicle is armed", "disarm it first")
+        return Row(REHEARSAL, False, "not done: the vehicle is armed", "disarm the vehicle first")
     link.fly(ZERO_VELOCITY)
     try:
         link.wait(STREAM_S)

@@ -127,7 +127,7 @@ def _station_loss(s: Situation, value: Value) -> RuleResult:
         return unclear(why, "fly with sticks, or with a station and 2 (Return)")
     if value > 0 and not s.station:
         why = "no ground station is on this link; without one the vehicle refuses to arm"
-        return unclear(why, "connect one")
+        return unclear(why, "connect a ground station")
     return good(f"ground station lost: {action}")
 
 
@@ -292,7 +292,7 @@ def _judged(rules: Mapping[str, FailsafeRule], situation: Situation) -> Iterator
         value = situation.values.get(name)
         if value is None:
             drawn = _drawn_fence(situation) if name == "GF_MAX_HOR_DIST" else ""
-            yield Finding(Row(name, False if name in VITAL else None, drawn or "the autopilot does not tell it"))
+            yield Finding(Row(name, False if name in VITAL else None, drawn or "the autopilot does not send it"))
             continue
         judged = rule(situation, value)
         change = None if judged.new is None else Change(name, value, judged.new, judged.reason)

@@ -64,7 +64,7 @@ def _armed(observed: Observation) -> RuleResult:
     if beat is None:
         return unclear("no heartbeat arrived")
     if beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED:
-        return bad("the motors are armed", "disarm it; this check is for a disarmed vehicle")
+        return bad("the motors are armed", "disarm the vehicle; this check is for a disarmed one")
     return good("the motors are off")
 
 

@@ -319,7 +319,7 @@ class Endpoint:
         while self._limiter and (wait_s := self._limiter.claim(tokens)) > 0.0:
             if time.monotonic() + wait_s >= until:
                 raise ModelError(
-                    f"the model endpoint {self.shown} has refused for too long because of its rate limit. Try"
+                    f"the model endpoint {self.shown} is at its rate limit, and the wait would take too long. Try"
                     " later, or use fewer --jobs"
                 )
             time.sleep(wait_s)

@@ -223,7 +223,7 @@ def _check_one_entry(runs: Sequence[RecordedRun]) -> None:
         if run.flight.get("replay") is not None:
             raise UsageError(f"{run.folder} is a replay of a recorded flight, which cannot be an entry")
         if stray := next((e.name for e in run.episodes if not EPISODE_NAME.fullmatch(e.name)), None):
-            raise UsageError(f"{run.folder / stray} has a name that is not an episode's")
+            raise UsageError(f"{run.folder / stray} does not have the name of an episode")
     for run in runs[1:]:
         if differing := differences(identity(first), identity(run)):
             raise UsageError(
@@ -295,5 +295,5 @@ def _machine_folders(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
 def _clean_text(option: str, text: str, most: int, scrubber: Scrubber) -> str:
     clean = scrubber.text(" ".join(text.split()))
     if len(clean) > most or not clean.isprintable():
-        raise UsageError(f"{option} must be printable text of at most {most} letters")
+        raise UsageError(f"{option} must be printable text of at most {most} characters")
     return clean

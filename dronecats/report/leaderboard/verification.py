@@ -228,7 +228,7 @@ def _manifest_differences(manifest: Manifest, runs: Sequence[RecordedRun]) -> It
         yield "several of its flights have the same seed"
     flights = [run.episodes for run in manifest.runs]
     if manifest.suite != (suite := common_suite(flights)):
-        yield f"the entry names the suite {manifest.suite}, but its runs have {suite or 'no whole one'}"
+        yield f"the entry names the suite {manifest.suite}, but its runs have {suite or 'no complete suite'}"
     missing = incompleteness_reason(flights)
     if missing and manifest.partial is None:
         yield f"{missing}, but the entry is not marked as partial"

@@ -128,7 +128,7 @@ def _page_metrics(collection: Collection) -> list[PageObject]:
     own = {name for scored in collection.episodes for name in scored.values} - {*METRICS}
     return [
         *({"name": m.name, "title": m.title, "unit": m.unit, "definition": m.definition} for m in ours),
-        *({"name": name, "title": name, "unit": "", "definition": "a metric of one's own"} for name in sorted(own)),
+        *({"name": name, "title": name, "unit": "", "definition": "a metric of the user"} for name in sorted(own)),
     ]
 
 
