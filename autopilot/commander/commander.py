@@ -101,7 +101,8 @@ class Commander:
     def _modes(self) -> dict[str, Mode]:
         """Return the behaviour of each mode by name.
 
-        PRECLAND lands in place: there is no landing beacon. External modes are never flown: a failsafe replaces them.
+        PRECLAND lands in place: there is no landing beacon. External modes only have a name here: a failsafe replaces
+        them before they fly.
         """
         land, stabilized = Land(), Stabilized()
         return {

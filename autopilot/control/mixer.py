@@ -131,11 +131,11 @@ def mix(params: Record, roll: float, pitch: float, yaw: float, thrust: float, fr
 
     The floor is `params.rotor_thrust_min`. `roll`, `pitch` and `yaw` are in [-1, 1], `thrust` in [0, 1].
     `fractions` (MAX_ROTORS,) is the output. Roll and pitch may lower or raise the collective. With
-    `airmode` 0 they raise it at most to the value at which every rotor has the floor thrust if there is no torque.
+    `airmode` 0 they raise it at most to the collective that gives each rotor the floor thrust without any torque.
     """
     matrix, rotors, floor = params.mix, params.rotors, params.rotor_thrust_min
     thrust = min(max(thrust, 0.0), 1.0)
-    # share: the largest fraction of roll and pitch that some collective allows, with every rotor in range
+    # share: the largest fraction of roll and pitch for which a collective exists that keeps every rotor in range
     least = 0.0
     for i in range(rotors):
         fractions[i] = matrix[i, 0] * roll + matrix[i, 1] * pitch

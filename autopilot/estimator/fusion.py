@@ -22,8 +22,8 @@ from autopilot.records import (
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 
-# µs. Fixes from before the last impact are ignored, unless no fix was used for this time. So the filter still gets
-# fixes while the vehicle scrapes along a wall, with one impact after another.
+# µs. Fixes from before the last impact are used only if no fix was used for this time. So the filter still gets fixes
+# while the vehicle scrapes along a wall, with one impact after another.
 IMPACT_FIX_GAP_US = 1_000_000
 
 
@@ -44,9 +44,9 @@ def fuse_heading(
 ) -> None:
     """Fuse the heading of the measured field (gauss, FRD).
 
-    A rotation error δθ turns the field m = R m_body by δθ x m, and its heading ψ by
-    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy); mh is the length of m's horizontal part. Unknown hard iron also changes ψ, but
-    this error turns with the vehicle.
+    A rotation error δθ changes the field m = R m_body by δθ x m. So the heading ψ of m changes by
+    δθz - (mz/mh)(cos ψ δθx + sin ψ δθy), where mh is the length of m's horizontal part. The unknown hard iron also
+    changes ψ, by an amount that depends on the vehicle's heading.
     """
     q = state.attitude
     mx -= state.mag_bias[0]
@@ -59,7 +59,8 @@ def fuse_heading(
     innovation = wrap_pi(params.declination - heading)
     slope = -field[2] / horizontal
     noise = params.mag_noise / horizontal
-    # from the expected direction: from the measured one, slopes and innovation would share noise, which biases the tilt
+    # The slopes are those at the expected direction. At the measured one they would have the noise of the innovation,
+    # which would bias the tilt.
     north, east = slope * math.cos(params.declination), slope * math.sin(params.declination)
     forward, right = hard_iron_slopes(q, horizontal, params.declination)
     variance = innovation_variance(P, state.work, 0, north, 1, east, 2, 1.0, noise * noise)
@@ -74,7 +75,7 @@ def fuse_heading(
         return
     state.rejected += 1
     if landed and time_us - state.mag_fused_us > params.reset_after_us:
-        # on the ground no other sensor observes yaw; in the air the GNSS velocity does, so yaw is not reset
+        # only on the ground: in the air the GNSS velocity also observes yaw
         realigned = level(
             -2.0 * (q[1] * q[3] - q[0] * q[2]),
             -2.0 * (q[2] * q[3] + q[0] * q[1]),
@@ -191,7 +192,8 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
     """Fuse a fix with the state at the time of the fix.
 
     The expected fix is the present state minus the predicted motion during τ, the time since the fix. With
-    δp(t - τ) = δp - τ δv and δv(t - τ) = δv + [∫f]× δθ this is exact to first order, except for the process noise in τ.
+    δp(t - τ) = δp - τ δv and δv(t - τ) = δv + [∫f]× δθ the slopes are exact to first order. Only the process noise
+    during τ is neglected.
     """
     if not good_fix(params, sensors):
         state.gps_good_fixes = 0

@@ -20,7 +20,7 @@ CAPABILITIES = (
     | dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_LOCK
 )
 HELD = dialect.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | dialect.GIMBAL_MANAGER_FLAGS_PITCH_LOCK
-LEAVE, MYSELF, NOBODY = -1, -2, -3  # ids in DO_GIMBAL_MANAGER_CONFIGURE: no change, the sender, remove the sender
+LEAVE, MYSELF, NOBODY = -1, -2, -3  # ids in DO_GIMBAL_MANAGER_CONFIGURE for who gets control
 GimbalClient = tuple[int, int]  # system, component; (0, 0): none
 
 

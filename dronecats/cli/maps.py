@@ -33,7 +33,7 @@ def add_maps_options(parser: argparse.ArgumentParser) -> None:
         "--spawn",
         type=spawn,
         metavar="NORTH,EAST[,DOWN]",
-        help="a free place on the ground in metres; write --spawn=-3,4 if it begins with a minus",
+        help="a free place on the ground, in metres; if the first number is negative, write --spawn=-3,4",
     )
     bring.add_argument("--replace", action="store_true", help="replace your map of this name")
     parser.set_defaults(run=run)

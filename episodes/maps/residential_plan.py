@@ -2,7 +2,7 @@
 
 Two streets run north. Two others run east and join them, so that a vehicle can drive round the block. The streets that
 run east end in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z is +0.05 m
-on roads and −0.45 m at drives (plus `swell`), so plots are half a metre above the road.
+on roads and −0.45 m on plots and at their drives (plus `swell`). So plots are half a metre above the road.
 """
 
 import math
@@ -115,8 +115,8 @@ def plots(seed: int) -> tuple[Plot, ...]:
 def _away(street: Street, north: Array, east: Array) -> Array:
     """Return the distance (m) of points from a street's centre line.
 
-    Beyond the ends of a street that joins others, the distance is `inf`. Beyond a dead end, it grows from RINGS[0], so
-    that a kerb closes the street.
+    Beyond the ends of a street that joins others, the distance is `inf`. Beyond a dead end, it grows from RINGS[0], the
+    distance of the kerb. So a kerb closes the street.
     """
     along, out = (north, east) if street.north else (east, north)
     past = np.maximum(street.ends[0] - along, along - street.ends[1])
@@ -129,8 +129,8 @@ def _away(street: Street, north: Array, east: Array) -> Array:
 def away(north: Array, east: Array) -> Array:
     """Return the distance (m) of points from the nearest centre line, changed at junctions so that kerbs are round.
 
-    Within CORNER of two streets, the result is CORNER minus the distance from the corner of the plots. Lines of equal
-    height are therefore arcs around that corner.
+    Where both streets of a junction are nearer than CORNER, the result is CORNER minus the distance from the corner of
+    the plot. So lines of equal height are arcs around the plot's corner.
     """
     shape = np.broadcast(north, east).shape
     runs = [

@@ -14,7 +14,7 @@ HEADING = math.radians(0.7)
 STILL_MPS = 0.12
 RESTING_US = 1_000_000  # µs for which the vehicle must stay within these limits
 COARSE_US = 15_000_000  # µs after `due_us` until the limits are widened
-COARSER = 3.0  # factor that widens the limits, because with a drifting GPS no vehicle meets them
+COARSER = 3.0  # factor that widens the limits: with a drifting GPS no vehicle would meet the first ones
 
 
 class Arrival:
@@ -42,7 +42,7 @@ class Arrival:
         )
 
 
-KEPT_US = 375_000_000  # µs; longer than the age of any frame in use: delay up to 1 min, plus up to 5 min for the reply
+KEPT_US = 375_000_000  # µs; longer than a frame is in use: up to 1 min of delay and 5 min until the reply
 OVERTAKEN_US = 5_000_000  # µs; if a report is older than the newest by more than this, the vehicle has rebooted
 AHEAD_US = 200_000  # µs; a pose is extrapolated at most this far beyond the newest telemetry
 DROPPED_AT_ONCE = 512  # number of old reports whose memory is freed together
@@ -117,8 +117,8 @@ class PoseHistory:
 class _Reports:
     """Reports with `width` numbers each, sorted by time (µs).
 
-    The numbers are in flat arrays. One object per report would fragment the heap, and the heap would grow for hours:
-    reports are kept for minutes, and other objects only for milliseconds.
+    The numbers are in flat arrays. With one object per report the heap would fragment and grow for hours, because
+    reports are kept for minutes, but most other objects only for milliseconds.
     """
 
     def __init__(self, width: int) -> None:

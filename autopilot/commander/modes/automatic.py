@@ -88,14 +88,14 @@ class Takeoff(Mode):
         self._wanted_z = math.nan
 
     def aim(self, z_ned: float) -> None:
-        """Set the z (m, NED) of the next climb; nan: MIS_TAKEOFF_ALT above the ground or, if in the air, above home."""
+        """Set the z (m, NED) of the next climb. nan: MIS_TAKEOFF_ALT above the ground; in the air, above home."""
         self._wanted_z = z_ned
 
     def enter(self, flight: FlightContext) -> None:
         self.next_mode = None
         n, e, z = flight.state.position_ned
         target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
-        # nan and heights that need no climb are ignored (clients without a height send 0)
+        # a z that needs no climb is ignored, and so is nan; clients that choose no height send 0
         if self._wanted_z < z - LEAST_CLIMB_M:
             target = self._wanted_z
         elif not flight.landed and flight.home is not None:
@@ -120,7 +120,7 @@ LANDING_STOPPED_SPEED = 0.5  # m/s, horizontal; below it LAND stores the positio
 
 
 def landing_speed(flight: FlightContext) -> float:
-    """Return the sink rate (m/s): from MPC_Z_V_AUTO_DN above MPC_LAND_ALT1 to MPC_LAND_SPEED below MPC_LAND_ALT2."""
+    """Return the sink rate (m/s): MPC_Z_V_AUTO_DN above MPC_LAND_ALT1, MPC_LAND_SPEED below MPC_LAND_ALT2."""
     p = flight.parameters
     high, low = float(p["MPC_LAND_ALT1"]), float(p["MPC_LAND_ALT2"])
     fast, slow = float(p["MPC_Z_V_AUTO_DN"]), float(p["MPC_LAND_SPEED"])
@@ -383,8 +383,8 @@ class Orbit(Mode):
         on_circle = abs(distance - self.radius) < max(2.0, 0.3 * self.radius)
         tangential = self.speed if on_circle else 0.0
         turn = tangential / max(distance, 1.0)
-        # The setpoint is the velocity that the vehicle needs LEAD_S later. The velocity smoothing adds the feed-forward
-        # of the acceleration. A second feed-forward in this setpoint would pull the vehicle inside the circle.
+        # The setpoint is the velocity that will be right after LEAD_S. The velocity smoothing adds the feed-forward of
+        # the acceleration. A second feed-forward in this setpoint would pull the vehicle inside the circle.
         radial = captured - LEAD_S * turn * tangential
         yaw, yaw_rate = self._heading(flight, wrap_pi(math.atan2(-ue, -un)), turn, on_circle)
         return CascadeSetpoint(

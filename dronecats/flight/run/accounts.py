@@ -26,7 +26,7 @@ class LedgerKeeper(Ledger):
     """The actor that keeps the ledger. It serves one call at a time, so two workers never claim the same allowance."""
 
     def ready(self) -> bool:
-        """Return True. A caller waits for this answer until the actor runs."""
+        """Return True. Callers wait for this answer, because it comes only after the actor has started."""
         return True
 
     def limit(self, method: str, address: str, model: str, *arguments: object) -> Any:
@@ -148,7 +148,7 @@ def spent_in(folder: Path) -> Spent | None:
     try:
         with closing(Ledger(folder / LEDGER)) as ledger:
             return ledger.spent()
-    except UsageError as unreadable:  # a run wrote the ledger, so the user did not name a wrong file
+    except UsageError as unreadable:  # no usage error: the ledger was written by a run, not named by the user
         raise InfrastructureError(str(unreadable)) from None
 
 

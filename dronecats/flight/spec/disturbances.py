@@ -139,7 +139,7 @@ class FrameFaults:
         words="{percent:g} % of images never arrive", metavar="P", more="The agent waits for the next image.",
     )  # fmt: skip
     stale: float = _disturbance(
-        0.0, "frame_stale", "share of questions to the pilot that get the image of the question before", high=1.0,
+        0.0, "frame_stale", "share of steps in which the pilot gets the image of the previous step again", high=1.0,
         words="{percent:g} % of questions get the previous question's image", metavar="P",
     )  # fmt: skip
     rate_hz: float | None = _disturbance(  # None: the camera takes a picture on request
@@ -329,7 +329,7 @@ class VehicleFaults:
     )  # fmt: skip
     gps_delay_s: float = _disturbance(
         0.0, "gps_delay",
-        "hidden delay of GPS fixes: a fix has the position of this many seconds before its time stamp",
+        "hidden delay of GPS fixes: a fix has a position that is this many seconds older than its time stamp",
         high=1.4, unit="s",
         words="fixes are {value:g} s older than they say", metavar="S",
         more="The autopilot does not correct for the delay, so its estimate lags behind the motion.",
@@ -337,7 +337,8 @@ class VehicleFaults:
     gps_noise: float = _disturbance(
         1.0, "gps_noise", "factor on the position and velocity errors of GPS fixes", high=100.0, unit="×",
         words="GPS noise × {value:g}", metavar="X",
-        more="The factor begins with the episode and also multiplies slow errors, so the position jumps at that time. "
+        more="The factor also multiplies the slow error that the fixes have at the beginning of the episode, so the "
+        "position jumps then. "
         "The accuracy that the GPS reports stays the same.",
     )  # fmt: skip
     estimator_noise: float = _disturbance(
@@ -348,7 +349,7 @@ class VehicleFaults:
     setpoint_hz: float | None = _disturbance(  # None: 20. Below 2 Hz PX4 leaves Offboard
         None, "setpoint_rate", "how often the agent sends its setpoint", low=2.0, high=50.0, unit="Hz",
         words="{value:g} setpoints a second", metavar="HZ",
-        more="The rate is in vehicle time; the default is 20. Above 20, telemetry comes at the same rate.",
+        more="The rate is in vehicle time; the default is 20. Above 20, the agent asks for telemetry at this rate.",
     )  # fmt: skip
     stalled: float = _disturbance(
         0.0, "stall_share",
@@ -359,7 +360,7 @@ class VehicleFaults:
         option=DisturbanceOption(
             name="host_stalls", metavar="P,S",
             help="at the start of each second, stall the simulator with probability P, for S seconds",
-            more="The seconds are vehicle time; S is wall time. Only in real time.",
+            more="S is wall time; the other seconds are vehicle time. Only in real time.",
             read=lambda text: dict(zip(("stalled", "stall_s"), _pair("host-stalls", text, STALLS), strict=True)),
         ),
     )  # fmt: skip
@@ -395,11 +396,12 @@ class FlightConditions:
     )  # fmt: skip
     sky: Literal["overcast", "dusk"] | None = _word(
         "sky", "light of the sky", ("clear", "overcast", "dusk"), words="{value} sky",
-        more="With overcast there is hardly any shadow. At dusk the sun has set, and lamps and windows shine.",
+        more="Clear is the map's own light. With overcast there is hardly any shadow. At dusk the sun has set, and "
+        "lamps and windows shine.",
     )  # fmt: skip
     season: Literal["autumn"] | None = _word(
         "season", "season of trees and grass", ("summer", "autumn"), words="{value}",
-        more="Clear and summer are the map's own light and season.",
+        more="Summer is the map's own season.",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

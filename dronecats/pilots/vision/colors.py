@@ -22,7 +22,7 @@ class Band:
     hue: tuple[int, int]
     saturation: tuple[int, int]
     value: tuple[int, int]
-    vivid: int  # a patch whose 75th percentile of saturation reaches this is surely paint; 0: no hue
+    vivid: int  # a patch is paint if its 75th percentile of saturation reaches this; 0: white, grey, black
 
 
 BANDS: dict[str, Band] = {
@@ -43,12 +43,15 @@ BANDS: dict[str, Band] = {
 """The keys are the values of `command.COLORS`."""
 
 _SKY_STEP = 3  # neighbouring pixels of the sky differ by at most this, in grey levels
-_SKY_HUE, _SKY_SATURATION = (85, 125), 170  # hues and largest saturation of the sky; car paint of these hues has more
+_SKY_HUE, _SKY_SATURATION = (
+    (85, 125),
+    170,
+)  # hues and largest saturation of the sky; car paint of these hues is more saturated
 _SKY_VALUE = 110  # by day, the sky has at least this value
 
 
 def mask(picture: Picture, color: str) -> Mask:
-    """Return the pixels of a picture that may have a colour, without the sky and small specks."""
+    """Return the pixels of a picture that may be of this colour, without the sky and small specks."""
     band = BANDS[color]
     hsv = cv2.cvtColor(cv2.GaussianBlur(picture, (3, 3), 0), cv2.COLOR_BGR2HSV)
     low, high = band.hue
@@ -82,7 +85,7 @@ def tint(picture: Picture, labels: NDArray[np.int32], count: int) -> NDArray[np.
 def sky(picture: Picture) -> Mask:
     """Return the pixels of the sky: bright, blue or grey, and connected with the upper edge of the picture.
 
-    The sky never reaches below 0.55 of the picture's height: a level camera has the horizon in the middle.
+    The sky is at most the upper 0.55 of the picture, because a level camera has the horizon in the middle.
     """
     height, width = picture.shape[:2]
     smooth = cv2.GaussianBlur(picture, (5, 5), 0)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 _APART_M = 4.2  # largest shift between two drones' frames, including the error of the estimates
-# two drones' points of one thing differ by less than _TOLERANCE_M + _TOLERANCE_PER_M × the thing's distance
+# two drones see one thing at points that differ by less than _TOLERANCE_M + _TOLERANCE_PER_M × the thing's distance
 _TOLERANCE_M, _TOLERANCE_PER_M = 0.8, 0.09
 
 Color = tuple[float, ...]  # (3,) CIE Lab on OpenCV's 8-bit scale
@@ -49,7 +49,7 @@ class Candidate:
     bottom: int  # px
     spot: GroundPoint
     score: float = 1.0  # 0 … 1, similarity to the wanted kind
-    color: Color = ()  # of a board: median colour of its face
+    color: Color = ()  # median colour of the face; only for boards
 
     @property
     def middle(self) -> float:
@@ -64,7 +64,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _SharedThing:
-    """A thing and the number of pictures that show it. `spot` is in the frame of the drone that sees the most."""
+    """A thing and the number of pictures with it. `spot` is in the frame of the drone that sees the most things."""
 
     spot: GroundPoint
     views: int

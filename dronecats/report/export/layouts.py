@@ -1,9 +1,9 @@
 """Writes viewer layouts: for Foxglove (`mcap`; Layouts → Import from file) and for PlotJuggler (`ulog`).
 
-Usage: `plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) names
-curves `topic/field`, array elements `field.00`, and the topics of several drones `topic.00`, `topic.01`, …. Therefore a
-fleet needs its own layout. PlotJuggler warns about missing curves, so a layout has only curves that every complete
-flight has.
+To open the second: `plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler 3.17
+(`DataLoadULog/ulog_parser.cpp`) names curves `topic/field`, array elements `field.00`, and the topics of several drones
+`topic.00`, `topic.01`, …. Therefore a fleet needs its own layout. PlotJuggler warns about missing curves, so a layout
+has only curves that every complete flight has.
 """
 
 import json
@@ -19,11 +19,11 @@ FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (SINGLE_DRO
 COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # one per drone; PlotJuggler's first colours
 TRUTH_COLOUR = "#9467bd"  # for the true curves of a single drone; true curves of a fleet have COLOURS
 ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
-DECISIONS = "decisions"  # the tab whose plots show single values
+DECISIONS = "decisions"  # the tab whose plots show points, not only lines
 
 
 def layout_files(kind: str, drones: set[int]) -> dict[str, int]:
-    """Return the layout files for flights with these numbers of drones: {file name: drones in the layout}."""
+    """Return {name of a layout file: drones in the layout}. `drones` has the fleet size of each flight."""
     if kind == "mcap":
         return {FOXGLOVE: max(drones)}
     fleets = drones - {1}
@@ -131,7 +131,7 @@ def plotjuggler_layout(drones: int) -> Xml.Element:
 
 
 def _tabs(drones: int) -> Iterator[tuple[str, dict[str, Curves]]]:
-    """Yield the name of each tab and its plots: the curves by the title of the plot."""
+    """Yield the name of each tab, and its plots: {title of the plot: curves}."""
 
     def curves(topic: str, field: str, against: str | None = None, colour: str | None = None) -> Curves:
         """Return the curves of a field over time, or over another field."""

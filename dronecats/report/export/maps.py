@@ -21,7 +21,10 @@ from foundation.frames import Vec3
 
 SPACING_S = 0.2  # s, least time between two points of a path; the period of the autopilot's telemetry
 KML, GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
-COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # `judges` of a path or point → colour, KML's aabbggrr
+COLORS = {
+    True: "ff2b9fff",
+    False: "ffd08a3c",
+}  # whether only the judge has a path or point → its colour, KML's aabbggrr
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,7 @@ class MapPath:
     """The path of a drone or a target over time."""
 
     name: str  # for example `drone_0` or `judge/drone_0`
-    judges: bool  # whether only the judge has this data
+    judges_only: bool  # whether only the judge has this data
     t_s: tuple[float, ...]  # s since the episode began
     places: tuple[Vec3, ...]  # longitude °, latitude °, altitude m above mean sea level
 
@@ -39,7 +42,7 @@ class MapPoint:
     """An event or object at a place."""
 
     name: str
-    judges: bool  # whether only the judge has this data
+    judges_only: bool  # whether only the judge has this data
     t_s: float  # s since the episode began
     place: Vec3  # longitude °, latitude °, altitude m above mean sea level
     properties: dict[str, Any]
@@ -59,7 +62,7 @@ def paths(flight: RecordedFlight) -> Iterator[MapPath]:
 
 
 def points(flight: RecordedFlight) -> Iterator[MapPoint]:
-    """Yield points for the target at its first position, for each decision's picture, and for each declaration.
+    """Yield a point for the target's first position, and one for the drone's position at each picture and declaration.
 
     Raises UsageError if the origin is unknown.
     """
@@ -119,21 +122,21 @@ def write_kml(flight: RecordedFlight, path: Path) -> int:
     document = _under(root, "Document")
     _under(document, "name", f"{flight.id}")
     _under(document, "description", flight.instruction)
-    for judges, color in COLORS.items():
-        style = _under(document, "Style", id=_style(judges))
+    for judges_only, color in COLORS.items():
+        style = _under(document, "Style", id=_style(judges_only))
         line = _under(style, "LineStyle")
         _under(line, "color", color)
         _under(line, "width", "3")
     _data(document, {**about(flight), **judged(flight)})
-    folders = {judges: _under(document, "Folder") for judges in (False, True)}
-    for judges, folder in folders.items():
-        _under(folder, "name", "judge" if judges else "flight")
+    folders = {judges_only: _under(document, "Folder") for judges_only in (False, True)}
+    for judges_only, folder in folders.items():
+        _under(folder, "name", "judge" if judges_only else "flight")
     count = 0
     for drawn_path in paths(flight):
-        _add_path(folders[drawn_path.judges], drawn_path)
+        _add_path(folders[drawn_path.judges_only], drawn_path)
         count += len(drawn_path.places)
     for point in points(flight):
-        _add_point(folders[point.judges], point)
+        _add_point(folders[point.judges_only], point)
         count += 1
     ET.indent(root)
     ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
@@ -141,7 +144,7 @@ def write_kml(flight: RecordedFlight, path: Path) -> int:
 
 
 def _add_path(folder: ET.Element, path: MapPath) -> None:
-    placemark = _placemark(folder, path.name, path.judges)
+    placemark = _placemark(folder, path.name, path.judges_only)
     track = ET.SubElement(placemark, f"{{{GX}}}Track")
     _under(track, "altitudeMode", "absolute")
     for t_s in path.t_s:
@@ -151,25 +154,25 @@ def _add_path(folder: ET.Element, path: MapPath) -> None:
 
 
 def _add_point(folder: ET.Element, point: MapPoint) -> None:
-    placemark = _placemark(folder, point.name, point.judges, point.t_s)
+    placemark = _placemark(folder, point.name, point.judges_only, point.t_s)
     _data(placemark, {key: str(value) for key, value in point.properties.items()})
     geometry = _under(placemark, "Point")
     _under(geometry, "altitudeMode", "absolute")
     _under(geometry, "coordinates", ",".join(_numbers(point.place)))
 
 
-def _placemark(folder: ET.Element, name: str, judges: bool, t_s: float | None = None) -> ET.Element:
+def _placemark(folder: ET.Element, name: str, judges_only: bool, t_s: float | None = None) -> ET.Element:
     """Return a new placemark with its elements in the order of the KML schema."""
     placemark = _under(folder, "Placemark")
     _under(placemark, "name", name)
     if t_s is not None:
         _under(_under(placemark, "TimeStamp"), "when", _when(t_s))
-    _under(placemark, "styleUrl", f"#{_style(judges)}")
+    _under(placemark, "styleUrl", f"#{_style(judges_only)}")
     return placemark
 
 
-def _style(judges: bool) -> str:
-    return "judge" if judges else "flight"
+def _style(judges_only: bool) -> str:
+    return "judge" if judges_only else "flight"
 
 
 def _data(parent: ET.Element, fields: dict[str, str]) -> None:
@@ -205,11 +208,11 @@ def write_geojson(flight: RecordedFlight, path: Path) -> int:
     lines, dots = list(paths(flight)), list(points(flight))
     features = [
         _feature("LineString", [_position(place) for place in line.places] * (2 if len(line.places) == 1 else 1),
-                 {"name": line.name, "judge": line.judges, "t_s": line.t_s})
+                 {"name": line.name, "judge": line.judges_only, "t_s": line.t_s})
         for line in lines
     ] + [
         _feature("Point", _position(dot.place),
-                 {"name": dot.name, "judge": dot.judges, "t_s": dot.t_s, **dot.properties})
+                 {"name": dot.name, "judge": dot.judges_only, "t_s": dot.t_s, **dot.properties})
         for dot in dots
     ]  # fmt: skip
     collection = {"type": "FeatureCollection", "features": features, "about": {**about(flight), **judged(flight)}}

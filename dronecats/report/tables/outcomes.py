@@ -129,7 +129,7 @@ def approaching(data: ReportData) -> ReportTable | None:
         name="approaching",
         title="Approaching in detail",
         caption=(
-            "Rates in %. Approach ratio: closed share of the start distance. NE: distance at the decisive"
+            "Rates in %. Approach ratio: the share of the start distance that was closed. NE: distance at the decisive"
             " declaration, or at the last action. Last column: distance at the decisive declaration over the"
             " start distance; a large value means an early declaration. Means over the flights that have the"
             f" value. {INTERVALS}"
@@ -166,9 +166,9 @@ def failures(entrant: Entrant) -> Cells | None:
 @by_entrant(
     title="Commanding",
     caption=(
-        "Approaching with one drone beside commanding a fleet, %. Reached: any drone came within the radius"
-        " of the named target. Declared: any drone declared arrival. One point for all: share of the steps"
-        f" with go actions for all drones in which all points are equal. {INTERVALS}"
+        "Approaching with one drone, compared with commanding a fleet, %. Reached: any drone came within the radius"
+        " of the named target. Declared: any drone declared arrival. One point for all: of the steps with"
+        f" a go for every drone, the share in which all points are equal. {INTERVALS}"
     ),
     columns=[
         NAME,
@@ -194,8 +194,8 @@ def commanding(entrant: Entrant) -> Cells | None:
 @by_entrant(
     title="Commanding, drone by drone",
     caption=(
-        "Result of each drone of each scored flight, % of the drones. One drone with a true declaration"
-        " solves the episode; so the success rate counts episodes."
+        "Result of each drone of each scored flight, % of the drones. The success rate counts episodes instead:"
+        " one drone with a true declaration solves the episode."
     ),
     columns=[
         NAME,

@@ -87,7 +87,7 @@ class Session:
     def save(self, replace: bool = False) -> Path:
         """Write the record as ID.json into the session's folder, and return the file.
 
-        Raises UsageError for an invalid record, for the id of a shipped episode (unless the file is the shipped one),
+        Raises UsageError for an invalid record, for the id of a shipped episode (except in the catalogue's own folder),
         and for an existing file unless `replace`.
         """
         record = self.record
@@ -115,7 +115,7 @@ class Editor:
         session, scene_name = open_session(name, folder)
         self.session = session
         self.drafting = session.drafting
-        self.findings: tuple[RuleFinding, ...] = ()  # results of the checks of the record `checked`
+        self.findings: tuple[RuleFinding, ...] = ()  # what the checks found in `self.checked`
         self.checked: EpisodeRecord | None = None
         self._server = LoopbackServer(f"DroneCATS · {scene_name}", port, hosts)
         self.url = self._server.url

@@ -19,7 +19,7 @@ VIEWER = ChildKind("viewer", "dronecats.view.live.viewer_process:FlightViewer", 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedPage:
     port: int
-    hosts: tuple[str, ...] = ()  # host names that may open the page, in addition to the loopback names
+    hosts: tuple[str, ...] = ()  # host names that the page's address may have, besides loopback names
     stays: bool = False  # whether the page stays open after the flight, until Ctrl-C
 
 
