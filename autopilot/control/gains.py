@@ -35,7 +35,7 @@ CONTROL_PARAMS = np.dtype(
         ("thrust_horizontal_margin", "f8"),  # 0 … 1, reserved for the horizontal force when thrust saturates
         ("hover_thrust", "f8"),  # 0 … 1, from the airframe's constants
         ("yaw_rate_auto_max", "f8"),  # rad/s, while turning to a yaw setpoint
-        ("velocity_lag", "f8", (3,)),  # s, lag of acceleration, and so of velocity, behind its setpoint
+        ("velocity_lag", "f8", (3,)),  # s, lag of acceleration behind its setpoint and of velocity behind its reference
         ("yaw_lag", "f8"),  # s, lag of yaw rate behind its setpoint
         ("attitude_p", "f8", (3,)),  # 1/s, roll pitch yaw
         ("yaw_weight", "f8"),  # limit of sin(yaw error / 2)
@@ -47,9 +47,9 @@ CONTROL_PARAMS = np.dtype(
         ("rate_integral_limit", "f8", (3,)),  # normalised torque
         ("gyro_cutoff_hz", "f8"),  # first-order low-pass of the rates
         ("gyro_derivative_cutoff_hz", "f8"),  # first-order low-pass of the derivative of the rates
-        ("airmode", "i8"),  # 1: thrust may rise to keep roll and pitch
+        ("airmode", "i8"),  # 1: thrust may rise to keep the roll and pitch torque
         ("rotors", "i8"),
-        ("mix", "f8", (MAX_ROTORS, 4)),  # rotor thrust fraction per normalised roll, pitch, yaw torque and thrust
+        ("mix", "f8", (MAX_ROTORS, 4)),  # rotor thrust fraction per normalised torque (roll, pitch, yaw) and thrust
         ("rotor_thrust_min", "f8"),  # 0 … 1, thrust of an idling rotor as a fraction of its full thrust
     ],
     align=True,
@@ -67,18 +67,18 @@ CONTROL_STATE = np.dtype(
         ("velocity_expected", "f8", (3,)),  # m/s, velocity of a vehicle that follows the reference with velocity_lag
         ("acceleration_expected", "f8", (3,)),  # m/s², derivative of velocity_expected
         ("velocity_integral", "f8", (3,)),  # m/s²
-        ("free_integral", "f8", (3,)),  # m/s², smoothed velocity_integral; follows it while the velocity error is small
-        ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the latest increase, which is being tested
+        ("free_integral", "f8", (3,)),  # m/s², smoothed velocity_integral, updated while the velocity error is small
+        ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the increase that is being tested
         ("tried_error", "f8"),  # m/s, velocity error before that increase
-        ("blocked_s", "f8"),  # s since an obstacle was hit (starts at FIRST_S if detected without a knock); 0: none
+        ("blocked_s", "f8"),  # s since an obstacle was hit, 0: none; without a knock, it starts at FIRST_S
         ("blocked_way", "f8", (3,)),  # unit vector, NED, direction of the push against the obstacle
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
         ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
         ("torque_filtered", "f8", (3,)),  # normalised, with the lag of the rotors
         ("untouched_s", "f8"),  # s since the last knock (impact on an obstacle)
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
-        ("yaw_reference", "f8"),  # rad, yaw setpoint of the attitude loop; follows yaw_rate_expected
-        ("yaw_rate_expected", "f8"),  # rad/s, derivative of yaw_reference: yaw_rate_reference with yaw_lag
+        ("yaw_reference", "f8"),  # rad, yaw setpoint of the attitude loop; turns at yaw_rate_expected
+        ("yaw_rate_expected", "f8"),  # rad/s, yaw_rate_reference with the lag yaw_lag
         ("yaw_rate_reference", "f8"),  # rad/s, smoothed yaw rate setpoint
         ("attitude_setpoint", "f8", (4,)),
         ("thrust_setpoint", "f8"),
@@ -87,10 +87,10 @@ CONTROL_STATE = np.dtype(
         ("rates_derivative", "f8", (3,)),
         ("rate_integral", "f8", (3,)),
         ("torque", "f8", (3,)),  # normalised, as achieved by the mixer
-        ("torque_scale", "f8", (3,)),  # 0 … 1, achieved torque over demanded torque
+        ("torque_scale", "f8", (3,)),  # 0 … 1, achieved torque / demanded torque
         ("hover_thrust", "f8"),  # 0 … 1, running estimate
         ("thrust_filtered", "f8"),  # 0 … 1, collective with the lag of the rotors
-        ("not_finite", "i8"),  # number of steps with a result that was not finite; `cascade.fallback` flew them
+        ("not_finite", "i8"),  # number of steps in which `cascade.fallback` replaced a result that was not finite
     ],
     align=True,
 )
@@ -162,9 +162,9 @@ GAINS: dict[str, GainField] = {
 def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.void:
     """Return one CONTROL_PARAMS record: gains from the design, and mostly PX4's default limits.
 
-    Four limits differ from PX4 1.15. MPC_JERK_MAX is 40 instead of 8 m/s³: PX4 does not smooth offboard velocity
-    setpoints, and reaches 1.4 m/s half a second after a setpoint of 2 m/s. MPC_JERK_AUTO is 8 instead of 4 m/s³.
-    MPC_YAWRAUTO_MAX is 60 °/s, the rate of the agent's turns. MPC_THR_MIN is at most 0.4 of the hover thrust.
+    Four limits differ from PX4 1.15. MPC_JERK_MAX is 40 instead of 8 m/s³, because PX4 does not smooth offboard
+    velocity setpoints: it reaches 1.4 m/s half a second after a setpoint of 2 m/s. MPC_JERK_AUTO is 8 instead of
+    4 m/s³. MPC_YAWRAUTO_MAX is 60 °/s, the rate of the agent's turns. MPC_THR_MIN is at most 0.4 of the hover thrust.
     """
     params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
     for name, gain in GAINS.items():
@@ -192,7 +192,7 @@ def read(params: np.void, name: str) -> float:
 
 
 def write(params: np.void, name: str, value: float) -> float:
-    """Set a PX4 parameter (PX4's unit); return the value that is set: `value` limited to the parameter's range.
+    """Set a PX4 parameter to `value` (PX4's unit), limited to the parameter's range; return the limited value.
 
     Raises UsageError for an unknown parameter, or for a value that is not finite.
     """

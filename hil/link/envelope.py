@@ -1,8 +1,8 @@
-"""The safety envelope: limits of places and speeds. Each limit acts before the vehicle reaches it.
+"""The safety envelope: limits of positions and speeds. Each limit acts before the vehicle reaches it.
 
 All functions except `load` are pure. `admit` takes a setpoint, the state and the limits. It returns the setpoint that
 may be flown, and the names of the limits that changed it. The speed towards a limit is at most GAIN · distance. So a
-vehicle whose velocity lags half a second behind its setpoint stops before the limit.
+vehicle stops before the limit, even if its velocity lags half a second behind its setpoint.
 """
 
 import itertools
@@ -28,9 +28,9 @@ HEADING_GAIN = 1.0  # 1/s, PX4 turns to a setpoint's heading with this yaw rate 
 GAIN = 0.5
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
-TOUCHING_M = 1e-3  # m: a line that passes a corner at this distance touches the corner
-TOUCHING_MPS = 1e-5  # m/s: a wall (horizontal limit) counts as acting if the velocity is this near to the wall's limit
-STALE_US = 500_000  # µs without a new position or attitude, after which the last one is not used
+TOUCHING_M = 1e-3  # m: a line that passes a corner at less than this distance touches it
+TOUCHING_MPS = 1e-5  # m/s: a wall (horizontal limit) acts if the speed towards it is this near to the highest allowed
+STALE_US = 500_000  # µs, highest usable age of a position or attitude
 
 Corner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [north, east]"})]  # m, from home
 GeodeticCorner = Annotated[tuple[Number, Number], Meta(extra={"wrong": "is not a corner [latitude, longitude]"})]  # °
@@ -101,7 +101,7 @@ def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | N
 
 
 def unwatched(state: VehicleState, limits: Limits) -> str | None:
-    """Return a text if the battery limit cannot be checked, with the reason; None: all limits can be checked."""
+    """Return the reason why the battery limit cannot be checked; None: all limits can be checked."""
     if limits.battery_min is not None and state.battery_remaining is None:
         return f"battery_min = {limits.battery_min:g} cannot be checked, because the autopilot sends no battery level"
     return None
@@ -110,7 +110,7 @@ def unwatched(state: VehicleState, limits: Limits) -> str | None:
 def admit(
     setpoint: OffboardSetpoint, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int, behind_us: int = 0
 ) -> Admitted:
-    """Return the setpoint that may be flown instead of `setpoint`. `state` needs position, velocity and attitude.
+    """Return `setpoint`, or the setpoint that replaces it. `state` needs position and attitude.
 
     `behind_us` is the known delay of all telemetry. It does not count towards the age of a position or attitude.
     """
@@ -173,8 +173,8 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
     """Return the admitted setpoint for a place.
 
     A place beyond a limit is moved inside. If the place, or the way to the place, enters an exclusion or its margin,
-    the vehicle keeps its own north and east. If the autopilot would fly to the place or turn to its heading faster
-    than the limits allow, a velocity and a yaw rate towards place and heading replace the setpoint.
+    the vehicle keeps its present north and east. If the autopilot would fly or turn faster than the limits allow, a
+    velocity setpoint towards the place and the heading replaces the setpoint.
     """
     limited: list[str] = []
     north, east, down = (p - h for p, h in zip(setpoint.position_ned, home, strict=True))
@@ -226,8 +226,8 @@ def _nearest_velocity(wish: Corner, walls: Sequence[tuple[Corner, float]], speed
     """Return the horizontal velocity (m/s, NE) that is nearest to `wish` and that all walls allow.
 
     A wall is a unit vector and the highest speed (m/s) along it, which is negative in the wall's margin. The
-    length of `wish` and of the result is at most `speed`. If the vehicle is in several margins and no velocity
-    satisfies all walls, negative speeds of walls count as 0.
+    length of `wish` and of the result is at most `speed`. If no velocity satisfies all walls (possible in several
+    margins), negative speeds of walls count as 0.
 
     The allowed velocities are a convex polygon within a circle. So the nearest one is `wish`, its projection on a wall,
     or a corner (of two walls, or of a wall and the circle).

@@ -48,8 +48,7 @@ class Heartbeat:
     def pending_s(self, now_s: float) -> float:
         """Update and return how long (s) the answer has been pending; 0 if no answer is pending.
 
-        Each call adds CHECK_MAX_S at most. So the time during which the machine was suspended, or Ctrl-Z stopped the
-        processes, hardly counts.
+        Each call adds CHECK_MAX_S at most. So a pause by Ctrl-Z, or while the machine is suspended, hardly counts.
         """
         if not self.is_pending or self._looked_s is None:
             return 0.0
@@ -62,14 +61,14 @@ class Heartbeat:
         return self.pending_s(now_s) > self.patience_s
 
 
-READY_S = 600.0  # wall seconds; longest start of a child, which compiles in a first run, maybe on a slow, busy machine
+READY_S = 600.0  # wall seconds; longest start of a child. In the first run the child compiles, slowly on a busy machine
 ANSWER_S = 30.0  # wall seconds; longest wait for the answer to a command
-# Longest wait for a heartbeat, wall seconds. A child answers between two calls of its part's `turn`. One call takes
+# Longest wait for a heartbeat, wall seconds. A child answers between two calls of `Part.turn`. One call takes
 # milliseconds, or seconds on a busy machine. A flight with a longer silence cannot be judged, because the socket of the
-# silent process overflows. The agent's wait for a picture is longer, so that the error of this check, which names the
-# process, comes first.
+# silent process overflows. The agent waits longer for a picture, so this check reports first, and its error names the
+# process.
 HANG_S = 15.0
-CAUSE_S = 10.0  # wall seconds; longest wait for a heartbeat that tells whether a hanging process caused an error
+CAUSE_S = 10.0  # wall seconds; after an error, longest wait for a heartbeat of a process that may be the cause
 CLOSE_S = 5.0  # wall seconds; longest wait for the end of a process before it is killed
 C = TypeVar("C")
 
@@ -79,11 +78,11 @@ class ChildKind(Generic[C]):
     name: str  # used in messages and in the name of the log file
     part: str  # MODULE:NAME of a class or function that makes the `Part` from `config`; only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
-    needs_keys: bool = False  # whether the process gets the API keys in its environment, which models need
+    needs_keys: bool = False  # whether the environment of the process has the API keys, for models
 
 
 class ChildProcess:
-    """One supervised process. Its methods raise InfrastructureError if it has ended or hangs."""
+    """One supervised process. The methods raise InfrastructureError if the process has ended or hangs."""
 
     def __init__(self, kind: ChildKind[C], config: C, log: Path, answer_s: float = HANG_S) -> None:
         """After `answer_s` without a heartbeat, the process counts as hanging."""
@@ -100,7 +99,7 @@ class ChildProcess:
         self._buffer = b""
         self._answers: deque[dict[str, Any]] = deque()
         self._heartbeat: Heartbeat | None = None  # None until the process is ready, because it may compile for minutes
-        self._silent_s = 0.0  # wall s without an answer; above 0 the process counts as hanging: no call waits for it
+        self._silent_s = 0.0  # wall s without an answer; above 0: the process hangs, so no call waits for it
         self._send(msgspec.to_builtins(config))
 
     @property
@@ -150,7 +149,7 @@ class ChildProcess:
     def prove_alive(self, within_s: float) -> None:
         """Raise InfrastructureError if the process has ended, or gives no heartbeat within `within_s`.
 
-        Waits for a pending heartbeat, which a healthy process answers within milliseconds.
+        Waits only while an answer is pending. A healthy process answers within milliseconds.
         """
         self.check()
         beat = self._heartbeat
@@ -192,7 +191,7 @@ class ChildProcess:
         return self._answers.popleft()
 
     def _has_output(self, timeout_s: float) -> bool:
-        """Return whether output, or its end, has arrived within `timeout_s`."""
+        """Return whether output, or the end of the output, arrives within `timeout_s`."""
         assert self._process.stdout is not None
         return bool(select.select([self._process.stdout], [], [], timeout_s)[0])
 
@@ -266,9 +265,9 @@ class Supervisor:
             child.check()
 
     def cause(self, error: DronecatsError, within_s: float = CAUSE_S) -> DronecatsError:
-        """Return the error of a child that has ended or gives no heartbeat within `within_s`; otherwise `error`.
+        """Return the error of a child that has ended or gives no heartbeat within `within_s`, or else `error`.
 
-        For example, a silent vehicle or a camera without pictures may come from a process that hangs.
+        For example, a process that hangs may cause a silent vehicle or a camera without pictures.
         """
         for child in self.children:
             try:

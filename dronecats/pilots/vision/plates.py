@@ -8,7 +8,7 @@ The pilot has no memory, so each `go` encodes two values for the next step:
 
 - The point is a little below the horizon if the vehicle will be to the right of the path, and a little above if the
   vehicle will be to the left. These slopes are too small for a climb or descent.
-- The depth is below _READ_DEPTH_M if the pilot has read the wanted plate. The plate leaves the picture in that stride.
+- The depth is below _READ_DEPTH_M if the pilot has read the wanted plate, and this stride takes it out of the picture.
 """
 
 import math
@@ -30,20 +30,20 @@ from foundation.protocol import BRAKE_M, FINISHED, GO, NEAR_M, NEAR_SCALE, STRID
 HEIGHT_M = 0.16  # height of a plate; its digits are 0.10 m high
 DIGITS = 4
 _LEVELS = range(110, 250, 14)  # thresholds of lightness that separate a pale plate from paint, lamps and shade
-_DULL = 34.0  # a plate's colour is at most this far from grey, in Lab; an indicator light is farther from it
+_DULL = 34.0  # distance from grey, in Lab; a plate's colour is nearer to grey, an indicator light's farther
 _SHAPE = (0.7, 4.6)  # range of width / height, from very oblique to frontal views
 _LEAST_PX = (8, 4)  # px, least width and height of a plate
-_FILLED = 0.5  # at least this share of a plate's rectangle is pale and not digits
+_FILLED = 0.5  # least share of a plate's rectangle that is pale; the digits are dark
 _READABLE_PX = 9  # a plate is read only if it is at least this high; its digits are then 5.6 px high
 _MOST_READ = 5  # rectangles to read per vehicle
 _SAME_PX = 3  # at two thresholds, the edges of the same rectangle differ by at most this
 VANTAGE_OFF_M = 2.6  # distance from a vehicle's end to the vantage point
-_END_SHARE = 0.12  # a plate off the middle by this share of the vehicle's width shows which side the nearer end is on
+_END_SHARE = 0.12  # a plate this far from the middle (share of the vehicle's width) shows the side of the nearer end
 _LOOK_M = 16.0  # within this distance, the drone flies to an end of the vehicle; beyond it, to the middle
 _ARRIVED_M = 4.5  # the drone declares within this horizontal distance of the vehicle's middle; success needs 5 m
 _TOO_FAR_M = 0.15  # the drone flies one more stride if its distance exceeds _ARRIVED_M by more than this
 _READ_M = 2.4  # the drone comes no nearer than this to an unread plate
-_READ_DEPTH_M = 3.05  # a `go` with less depth means that the wanted plate was read
+_READ_DEPTH_M = 3.05  # a smaller depth of a `go` means that the wanted plate was read
 _AT_VANTAGE_M = 1.4  # within this distance of a vantage point, the drone has arrived there
 _FACING_RAD = math.radians(12.0)  # the drone faces a vehicle whose bearing is at most this
 _WIDEST_RAD = math.radians(40.0)  # a stride has at most this bearing
@@ -75,7 +75,7 @@ class Plate:
 
 
 def find(picture: Picture, box: tuple[int, int, int, int], height_px: float) -> Plate | None:
-    """Return the best plate of the vehicle in `box` (left, top, right, bottom, px); None without one.
+    """Return the best plate of the vehicle in `box` (left, top, right, bottom, px); None if none is found.
 
     An unreadable plate counts only if it is the only candidate. height_px: height of a plate at the vehicle's distance.
     """
@@ -180,7 +180,7 @@ def decide(picture: Picture, vehicle: Candidate, wanted: Inscription, past: tupl
 
 
 def decide_unseen(past: tuple[PastAction, ...]) -> str:
-    """Return the next action of a drone that does not see its vehicle: usually a turn to the side where it was."""
+    """Return the next action of a drone that does not see its vehicle: usually a turn to the vehicle's side."""
     if was_plate_read(past):
         return actions.finished()
     if past[-1].kind == FINISHED:
@@ -224,7 +224,7 @@ def _arrive(plate: Plate, size: Size, focal: float) -> str:
 def _approach_end(
     vehicle: Candidate, plate: Plate | None, past: tuple[PastAction, ...], size: Size, focal: float
 ) -> str:
-    """Return the action that leads to the vantage point of the nearer end, or to a plate near the vehicle's middle."""
+    """Return the next action on the way to the nearer end's vantage point, or straight to a plate."""
     heading = heading_rad(vehicle.right - vehicle.left, vehicle.spot.ahead_m, size, focal)
     end = plate_side(plate.middle, vehicle.left, vehicle.right) if plate is not None else 0
     if plate is not None and (end == 0 or heading < _BROAD_RAD):
@@ -232,7 +232,7 @@ def _approach_end(
         travel = focal * HEIGHT_M / (plate.bottom - plate.top) - _READ_M
         if travel > 0.4:
             return _stride_to(bearing, min(max(travel, _UNREAD_M), STRIDE_MAX_M), vehicle.spot.distance_m, 0)
-    if end == 0:  # side view: the end that the last strides went to, else the end nearer to the optical axis
+    if end == 0:  # side view: the end of the last strides, else the end nearer to the optical axis
         end = _chosen_end(past) or (-1 if vehicle.spot.bearing_rad > 0.0 else 1)
     vantage = vantage_point(vehicle.spot, heading, end, size)
     if vantage.distance_m <= _AT_VANTAGE_M or vantage.ahead_m <= 0.3:
@@ -263,7 +263,7 @@ def _clip_bearing(bearing: float) -> float:
 
 
 def _stride_to(bearing: float, stride_m: float, distance_m: float, aside: int) -> str:
-    """Return a `go` in a direction. The depth of a full stride is the vehicle's distance `distance_m`.
+    """Return a `go` in a direction. distance_m: the vehicle's distance, which gives the depth of a full stride.
 
     aside: 1 or -1 if the vehicle will be to the right or left of the path, else 0.
     """
