@@ -40,7 +40,7 @@ from vehicles.solids import in_triangle
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # m of free way before the obstacle
-ROOM_M = 3.0  # m; when the sides of an obstacle are compared, more free room than this does not count
+ROOM_M = 3.0  # m; free room beyond this does not count in the comparison of an obstacle's sides
 AHEAD_S = 12.0  # s within which the vehicle must meet the obstacle
 BACK_S = 6.0
 AWAY_M = 2.0  # m that the vehicle must back off within BACK_S, unless it meets another obstacle
@@ -109,8 +109,8 @@ PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # a real PX4 has only thes
 class Fastest:
     """The moment of the greatest true speed, and the flight since the last hit before it.
 
-    If the speed grows after the hit while the vehicle leans as commanded, the controller caused it. If the speed exists
-    at the hit or grows against the commanded lean, the contact caused it.
+    The controller caused a speed that grows after the hit while the vehicle leans as commanded. The contact caused a
+    speed that exists at the hit or grows against the commanded lean.
     """
 
     second: float  # s since the first contact
@@ -159,7 +159,7 @@ class Outcome:
 
 
 def before(world: World, press: Press) -> tuple[BootPose, float]:
-    """Return the boot pose, on the side of the obstacle with the most room, and the flight's height (m)."""
+    """Return the boot pose, on the obstacle's side with the most free room, and the height of the flight (m)."""
     if press.thing == "ground":
         north, east, _ = world.record.starts[0].position_ned
         return BootPose(
@@ -203,7 +203,7 @@ class Pose(NamedTuple):
     position_ned: NDArray[np.float64]  # m
     velocity_ned: NDArray[np.float64]  # m/s
     attitude: NDArray[np.float64]  # FRD to NED
-    target: NDArray[np.float64] | None = None  # commanded attitude, with the estimate's heading error
+    target: NDArray[np.float64] | None = None  # commanded attitude; its heading has the estimate's error
 
 
 def lean_deg(attitude: NDArray[np.float64]) -> float:
@@ -250,7 +250,7 @@ class Watch:
     fastest: Fastest | None = None
 
     def look(self) -> None:
-        """Record the truth of this tick, and begin the next phase if this one is over."""
+        """Record the truth of this tick, and begin the next phase if the present phase is over."""
         state, truth = self.vehicle.plant.state, self.vehicle.plant.truth
         tick = self.vehicle.time_us // TICK_US
         position, velocity, attitude = (truth[name].copy() for name in ("position_ned", "velocity_ned", "attitude"))
@@ -308,7 +308,7 @@ class Watch:
                 self._worst("position_error_m", math.dist(truth.position_ned, where))
 
     def _moment(self, tick: int) -> Fastest:
-        """Return the figures of this tick and of the flight since the last hit, at most of the last second."""
+        """Return the figures of this tick, and of the flight since the last hit (at most one second)."""
         since = [pose for then, pose in self.passed.items() if then >= self.hit]
         steered = [(pose.attitude, pose.target) for pose in since if pose.target is not None]
         off_target = [between_axes_deg(*pair) for pair in steered]
@@ -335,9 +335,9 @@ class Watch:
 
 
 def aim(link: Link, vehicle: Vehicle, start: StartPose) -> float:
-    """Fly to the true start of the press, and return the obstacle's bearing from the nose there (rad, + right).
+    """Fly to the start of the press, and return the bearing of the press's course from the nose (rad, + right).
 
-    The start is corrected by the truth, because the estimate's errors are larger than some obstacles.
+    The truth corrects the position, because the estimate's errors are larger than some obstacles.
     """
     assert link.state.position_ned is not None
     off = np.array(start.position_ned) - vehicle.plant.truth["position_ned"]
@@ -403,7 +403,7 @@ def _line(outcome: Outcome) -> str:
 
 
 def _summary(outcomes: list[Outcome]) -> list[str]:
-    """Return a line for each limit: the median and the worst of all presses, and how many exceed it."""
+    """Return a line for each limit (median, worst, number of presses beyond it), and a last line about resets."""
     lines = []
     for name, most in outcomes[0].limits.items():
         values = [float(getattr(outcome, name)) for outcome in outcomes]

@@ -29,7 +29,7 @@ def braking_speed(distance: float, gain: float, acceleration: float) -> float:
 def wanted_acceleration(gap: float, limit: float, jerk: float) -> float:
     """Return the acceleration (m/s²) that closes a velocity gap (m/s, ≥ 0), at most `limit`.
 
-    It is low enough to return to 0 with `jerk` (m/s³) by the time at which the gap is closed.
+    With `jerk` (m/s³) it can return to 0 by the time at which the gap is closed.
     """
     return min(limit, min(RESPONSE * gap, math.sqrt(2.0 * jerk * gap)))
 
@@ -84,13 +84,13 @@ YAW_ACCELERATION = 2.5  # rad/s²; yaw torque is weak, so a faster start would s
 FOLLOWING_ERROR_MAX = 0.4  # m/s; with a smaller velocity error, the vehicle follows its setpoint
 TRIM_S = 2.0  # s, time constant of `free_integral`, the smoothed integral without an obstacle
 TEST_STEP = 0.8  # m/s²; after the integral has grown this much, the change of the velocity error is checked
-ERROR_DROP = 0.05  # m/s; if the error drops less in the second half of that growth, an obstacle is the cause
+ERROR_DROP = 0.05  # m/s; if the error drops less in the second half of TEST_STEP, an obstacle blocks the vehicle
 BLOWN_BACK_SPEED, CREEP_SPEED = 0.3, 0.35  # m/s, against and along the push; a faster vehicle is not blocked
 DESCENDS = 0.2  # m/s; a greater expected downward velocity is a descent
-SIDEWAYS_SPEED = 0.3  # m/s; with a faster horizontal demand, the object under the vehicle is an obstacle, not ground
+SIDEWAYS_SPEED = 0.3  # m/s; at a greater expected horizontal speed, an obstacle, not the ground, blocks a descent
 INITIAL_PUSH_LIMIT, FIRST_S = 2.5, 2.0  # m/s², s: first limit of the P term against an obstacle, and its duration
 LASTING_PUSH_LIMIT = 1.0  # m/s², the limit after that
-BLOCKED_S = 3.0  # s of contact after which the integral may grow again, because the cause may have been a gust
+BLOCKED_S = 3.0  # s of contact after which the integral may grow again, in case a gust was taken for an obstacle
 FORGET_S = 0.5  # s, time constant of the decay of an integral that pushes against an obstacle
 KNOCK = 8.0  # m/s²; a larger sudden unexplained acceleration is a knock; wind of 10 m/s: 3.3 (X500), 6.1 (30 g drone)
 KNOCK_TORQUE = 0.15  # KNOCK for torque, as a fraction of full pitch torque; in the same wind 0.06 and 0.08
@@ -108,7 +108,7 @@ def smaller_limit(own: float, mode: float) -> float:
 
 @njit(cache=True)
 def initialise_references(state: Record, estimate: Record) -> None:
-    """Initialise the trajectory loops with the vehicle's present motion, so that the change of mode causes no jerk."""
+    """Initialise the trajectory loops with the vehicle's present motion, so that a new mode starts without a jump."""
     for i in range(3):
         v = estimate.velocity_ned[i]
         state.velocity_reference[i] = v if math.isfinite(v) else 0.0
@@ -175,7 +175,7 @@ def update_velocity_reference(
         gap_n, gap_e = p[0] - here[0], p[1] - here[1]
         gap = math.sqrt(gap_n * gap_n + gap_e * gap_e)
         if gap > 1e-6:
-            # a part of the acceleration limit stays for the feed-forward
+            # 0.7 leaves a part of the acceleration limit for the feed-forward
             speed = min(braking_speed(gap, params.position_p[0], 0.7 * params.acceleration_horizontal), horizontal_max)
             north += gap_n / gap * speed
             east += gap_e / gap * speed
@@ -283,7 +283,7 @@ def integrate(
 def obstacle_axes(state: Record, vertical: bool) -> int:
     """Return the number of axes (2: north and east, 3: all) that an obstacle may block.
 
-    The result is 2 in a vertical descent, which the ground may stop, and without vertical velocity feedback.
+    It is 2 without vertical velocity feedback, and in a vertical descent, because the ground may end the descent.
     """
     north, east, down = state.velocity_expected
     aside = north * north + east * east > SIDEWAYS_SPEED * SIDEWAYS_SPEED
@@ -341,7 +341,7 @@ def limit_obstacle_push(state: Record, estimate: Record, vertical: bool, dt: flo
             tried[i] = total[i]
         state.tried_error = size
     elif grown < 0.5 * TEST_STEP:
-        state.tried_error = size  # only until half of the growth, when the rebound has ended
+        state.tried_error = size  # up to half of TEST_STEP; by then the rebound has ended
     elif grown >= TEST_STEP:
         for i in range(axes):
             tried[i] = total[i]

@@ -1,7 +1,7 @@
 """The loop of the paper's agent: see, decide, act, log. A step gets a frame, the instruction and the past actions.
 
 A `Decider` decides for a group of drones. It sends their pictures in one question, and one reply has an action for each
-drone. The `fly` of an `Asker` is a generator that yields while vehicle time passes, so several run side by side.
+drone. Its `fly`, inherited from `Asker`, yields while vehicle time passes, so several deciders run side by side.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -38,15 +38,15 @@ class Questions:
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
     patience_s: float | None = None  # vehicle s, longest wait for a frame or a reply before an error; None: no limit
-    beside: bool = False  # the lockstep clock may run during the call: this model's reply depends only on the question
-    last_reply: bool = True  # at the end of the episode, await an open reply, to tell a slow model from a dead endpoint
+    beside: bool = False  # the lockstep clock may run during the call, as the reply depends only on the question
+    last_reply: bool = True  # after the episode's end, await a pending reply, to tell a slow model from a dead endpoint
 
 
 SLACK_S = 0.15  # tolerance of `latency_s`: three ticks of the 20 Hz clock at which the agent checks for a reply
 
 
 class PendingQuestion:
-    """One question under way. The latency policy sets its latency (the charge) once, after the reply or beforehand."""
+    """One question under way. The latency policy sets its latency (the charge) once, before or after the reply."""
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class PendingQuestion:
             return True
         charged_s = self._charge()
         if charged_s is None:
-            return now_s >= self.start_s - 1e-9  # a picture may be newer than the newest telemetry
+            return now_s >= self.start_s - 1e-9  # `start_s` is later if a picture is newer than the telemetry
         return now_s >= self.start_s + charged_s - 1e-9
 
     @property
@@ -103,8 +103,8 @@ class PendingQuestion:
     def latency_s(self, now_s: float) -> float:
         """Return the vehicle seconds that the reply took; `now_s` is the time of the decision.
 
-        The value is the charge. Without a charge, or if the elapsed time exceeds the charge by more than SLACK_S, the
-        value is the elapsed time.
+        Normally this is the charge. Without a charge, or if the elapsed time exceeds the charge by more than SLACK_S,
+        it is the elapsed time.
         """
         elapsed_s = (now_s - self.start_s) * self.reply().share  # without failed attempts
         charged_s = self._charge()
@@ -159,7 +159,7 @@ class Asker:
         return False
 
     def _turn(self, cap_s: float) -> Generator[None, None, Sequence[Decision]]:
-        """Yield while one question is answered and acted on, or once without a question; return the decisions."""
+        """Ask, and yield until the reply is acted on; yield once without a question. Return the decisions."""
         raise NotImplementedError
 
     def _newest_frames(
@@ -218,9 +218,9 @@ class Asker:
     def _await(self, asking: PendingQuestion, cap_s: float) -> Generator[None, None, bool]:
         """Yield until the reply is due or the episode is over; return whether it is due.
 
-        With `last_reply`, wait for a reply under way at `cap_s`, although it is too late to be an action. This tells a
-        slow model (a failure) from a dead endpoint. Raises ModelError beyond `patience_s` (None: only the model's
-        client has a limit), and the errors of that client.
+        With `last_reply`, wait for a reply under way at `cap_s`, although it is too late to be an action. So a slow
+        model is a failure, and a dead endpoint raises an error. Raises ModelError after `patience_s` (None: no limit
+        here), and the errors of the model's client.
         """
         questions = self._questions
 
@@ -254,7 +254,7 @@ class Asker:
 
 
 class Decider(Asker):
-    """Decides for its drones, step by step: the paper's pilot with one drone, the paper's joint command with four."""
+    """Decides for its drones, step by step. One drone: the paper's pilot. Four drones: the paper's joint command."""
 
     def __init__(
         self, questions: Questions, drones: Sequence[Drone], cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
@@ -424,7 +424,7 @@ class SideBySideAgent:
 
 
 class PaperAgent(SideBySideAgent):
-    """The paper's agent: each drone completes one action before the next picture. Groups of drones share a decider."""
+    """The paper's agent: each drone completes one action before the next picture. Drones of a group share a decider."""
 
     decider_type: type[Decider] = Decider
 

@@ -22,9 +22,9 @@ NOTICE_S = 10.0  # s between two notices of ignored messages
 class VehicleAddress:
     """Parses the bytes of the vehicle and of other senders separately, and finds the vehicle's messages.
 
-    A UDP port receives from every sender. The source of the vehicle's first heartbeat is held as its address. Messages
-    with the vehicle's ids from other addresses are ignored. Once the held address has been silent for
-    REPLACED_S, another address may replace it, because a restarted bridge has another port.
+    A UDP port receives from every sender. The class holds the source of the vehicle's first heartbeat as the vehicle's
+    address. It ignores messages with the vehicle's ids from other addresses. After REPLACED_S without a message from
+    the held address, another address may replace it, because a restarted bridge has another port.
     """
 
     def __init__(self, transport: Transport, notice: Callable[[str], None]) -> None:
@@ -38,7 +38,7 @@ class VehicleAddress:
         self._noticed_s = -math.inf
 
     def messages(self, data: bytes) -> list[dialect.MAVLink_message]:
-        """Return the messages that are complete with `data`, the bytes of the last `receive`."""
+        """Return the messages that end in `data`, the bytes of the last `receive`."""
         peer = self._transport.peer
         if peer == self._held:
             return self._parser.feed(data)
@@ -53,7 +53,7 @@ class VehicleAddress:
         self._transport.follow(self._held)
 
     def admits(self) -> bool:
-        """Return whether a message with the vehicle's ids that was just received may be the vehicle's."""
+        """Return whether the vehicle may have sent the message just received, which has the vehicle's ids."""
         peer, now_s = self._transport.peer, self._transport.time_s()
         if peer != self._held:
             silent_s = now_s - self._confirmed_s
@@ -109,8 +109,8 @@ class Conversation:
     ) -> None:
         """`silence_s`: s of the transport's clock without telemetry after which the vehicle is gone.
 
-        `key`: 32 bytes to sign and check messages; empty: no signatures. `unix_s` reads the calendar, for the first
-        timestamp of the signatures.
+        `key`: 32 bytes to sign and check messages; empty: no signatures. `unix_s` returns the Unix time (s) for the
+        first timestamp of the signatures.
         """
         self.transport = transport
         self.behind_us = 0  # µs, known delay of all telemetry, such as the declared delay of a simulated link
@@ -217,7 +217,7 @@ class Conversation:
         return bool(data)
 
     def _is_credible(self, message: dialect.MAVLink_message) -> bool:
-        """Return whether a message that was just received may really come from the sender whose ids it has."""
+        """Return whether a message just received may come from the sender that its ids name."""
         if self._signing.active and not self._signing.accepts(message, self._wire_us):
             return False
         is_vehicle = message.get_srcSystem() == self.system and message.get_srcComponent() == AUTOPILOT
@@ -329,7 +329,7 @@ class Conversation:
             self._signing.set_up(key, timestamp(self._unix_s()), self._wire_us)
 
     def _why_unheard(self) -> str:
-        """Return why signing causes the silence, as the end of a sentence; empty: signing does not cause it."""
+        """Return the end of an error message if signing causes the silence; empty if signing is not the cause."""
         signing = self._signing
         if not signing.active:
             wanted = "; the vehicle signs its messages and ignores unsigned ones. Give its key with --sign KEYFILE"
@@ -406,7 +406,7 @@ class Conversation:
         """Send the heartbeat and requests if they are due; a subclass sends more."""
         now_s = self._time_s()
         if now_s - self._spoke_s > AWAY_S:
-            self.listen()  # after a pause of ours the state is old, so read the changes first
+            self.listen()  # after a pause of our program the state is old, so read new messages first
         self._spoke_s = now_s
         if self.time_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = self.time_us + 1_000_000
@@ -439,7 +439,7 @@ class Conversation:
                     self.on_silence(silent_s)
                 moved_s, moved_us, reads, away_s, self._lost = now_s, self.time_us, 0, 0.0, False
             elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
-                self._lost = True  # later orders, for the end of the flight, then wait only for LOST_S
+                self._lost = True  # so the orders at the end of the flight wait only for LOST_S
                 fault = "has sent no telemetry" if received else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
 
@@ -482,7 +482,7 @@ class Conversation:
         raise LinkError(f"the autopilot does not acknowledge command {command}{self._why_unheard()}")
 
     def order(self, name: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
-        """Send a command until it is accepted, for up to `insist_s` (vehicle time) while it is temporarily rejected.
+        """Send a command. While it is temporarily rejected, send it again for up to `insist_s` (vehicle time).
 
         Raises LinkError with the autopilot's own words if the command is refused, or still rejected after `insist_s`.
         """

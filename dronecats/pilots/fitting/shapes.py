@@ -1,10 +1,11 @@
 """Fits the network of `shape_detector` to pictures of random campuses.
 
 A random campus has the ground and the halls of the shipped campus, but the halls swap places. The things of the asset
-catalogue stand at random places, the plants have random shapes, and the sun has a random time. The fit has two stages.
-The first network is fitted to windows (parts of a picture, see `shape_detector`) of the first pictures: all windows
-with a thing, and random empty windows. Then empty windows that this network mistakes for a thing join the examples, and
-the shipped network is fitted to all of them.
+catalogue stand at random places, the plants have random shapes, and the sun has a random time.
+
+Stage 1 fits a first network to windows (parts of a picture, see `shape_detector`) of the first campuses: all windows
+with a thing, and random empty windows. Stage 2 adds windows of all campuses: all with a thing, and empty windows that
+the first network mistakes for a thing. The shipped network is fitted to the windows of both stages.
 """
 
 import math
@@ -47,7 +48,7 @@ class VisibleThing:
     below_m: float  # height of the camera above the thing's foot
     box: tuple[int, int, int, int]  # px, left, top, right, bottom of the thing's pixels
     pixels: int  # number of visible pixels
-    box_pixels: float  # px, area of the box around the complete thing
+    box_pixels: float  # px, area of the unobstructed thing's box
 
 
 def makers(rng: np.random.Generator) -> dict[str, Mesh]:
@@ -173,7 +174,7 @@ CHECK_SCENES, CHECK_PICTURES = 4, 24
 EXAMPLE_TOLERANCE = (0.10, 0.36, 0.17)
 UNUSED_TOLERANCE = (0.26, 0.90, 0.40)
 PARTIAL_TOLERANCE = (0.60, 1.6, 0.80)
-# m; for these wide things, the second limit is at least this
+# m, least second limit of the last two tuples for these wide things
 WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}
 VISIBLE_SHARE_LIMITS = (
     0.15,
@@ -183,8 +184,8 @@ NO_EXAMPLE = -1  # label of a window that is not used
 RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture: random ones, and ones mistaken for a thing
 DISPLACED_WINDOWS = 12  # empty windows per picture that show a part of a thing
 MOST_MISTAKES = 6  # largest number of mistaken windows for each picture, distance and height
-USUAL_WINDOWS = 5000.0  # usual number of windows per picture, for the share of random windows
-USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0  # `usual_fill`: percentile over the things nearer than this (m)
+USUAL_WINDOWS = 5000.0  # usual number of windows per picture; sets the probability to draw a random window
+USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0  # percentile in `usual_fill`, over things nearer than USUAL_WITHIN_M (m)
 
 HIDDEN = 80  # units of the hidden layer
 DECAY = 2e-4  # weight decay
@@ -194,7 +195,7 @@ BRIGHTNESS_LOG_STD = 0.25  # standard deviation of the log of a brightness facto
 NETWORK = ShapeNetwork
 CHECKED_M = (3.2, 20.0, 40.0)  # m, edges of the two distance bands of the check, near and far
 PLAINLY = 0.5  # visible share from which a thing must be detected
-ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected; the printed table has each
+ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected; the printed table has all three
 
 CampusJpeg = tuple[bytes, tuple[VisibleThing, ...]]
 
@@ -234,7 +235,7 @@ def labels(
         if item.kind not in KINDS:
             continue
         share = item.pixels / (item.box_pixels * fill[item.kind])
-        # the offset aside is measured at the strip's depth, along the direction to the thing
+        # offset aside at the strip's depth, after moving the thing there along its line of sight
         depth_off = abs(np.log(item.depth_m / strip.depth_m))
         aside = np.abs(right - item.right_m * strip.depth_m / item.depth_m)
         height_off = abs(item.below_m - shape_detector.HEIGHTS_M[height])

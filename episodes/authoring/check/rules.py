@@ -1,7 +1,7 @@
 """Applies all rules to one record, to many records in a pool of processes, and to a suite.
 
 The rules about a suite require that its targets are evenly spread, so that a pilot without a camera cannot guess where
-they are. These rules apply to each cell (kind of episode) of a map with at least ENOUGH records, and to all one-drone
+they are. They apply to each cell (kind of episode) that has at least ENOUGH records on a map, and to all one-drone
 records together if there are at least 4 · ENOUGH.
 """
 
@@ -35,8 +35,8 @@ CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # m, limits of a suite's smallest and l
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # m, limits of a suite's lowest and highest start above the ground
 LEAST_ROW_SPREAD = 0.05  # the lowest and the uppermost target differ by at least this share of the picture's height
 # To pass a target means to come within 5 m of it and see it. A straight flight passes all targets at 16 m that are up
-# to 14° off its heading, if no obstacle is in the way. Three such headings cover the usable 74° of the picture. So
-# however ten visible targets are spread, one of these headings passes at least four.
+# to 14° off its heading, if no obstacle is in the way. Flights on three headings cover the usable 74° of the
+# picture. So of any ten visible targets, one of these three flights passes at least four.
 # Key: whether the targets are visible at the start. Value: how many of ten targets a straight flight may pass.
 AHEAD = {True: 2, False: 1}  # if it flies straight ahead
 ANY_HEADING = {True: 4, False: 2}  # on the best heading
@@ -103,7 +103,7 @@ class Report:
 
 
 def check_one(source: str, laid_out: bool = False) -> Report:
-    """Return the report on the record with an id, file or folder; with the record's layout if `laid_out`."""
+    """Return the report on the record `source` (id, file or folder), with the record's layout if `laid_out`."""
     name = source
     try:
         record = catalogue.load(source)
@@ -184,9 +184,9 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
 
 
 def fewest_candidate_pixels(world: World) -> int:
-    """Return the fewest pixels that show a candidate in a drone's first picture, over all candidates and drones.
+    """Return the smallest number of pixels that any candidate has in any drone's first picture.
 
-    Other candidates and drones may hide the candidate.
+    Other candidates and drones may hide a candidate.
     """
     record, of_map = world.record, solids(world.record.map, world.record.map_seed)
     targets = world.target_and_lookalikes
@@ -262,7 +262,7 @@ def check_cell(name: str, layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
 
 
 def passed(layouts: Sequence[Layout]) -> tuple[int, int]:
-    """Return in how many records a straight flight passes the target: straight ahead, and on the best heading."""
+    """Return the number of records whose target a flight passes: straight ahead, and on the best heading."""
     count = Counter(heading for layout in layouts for heading in layout.straight_deg)
     return count[0], max(count.values(), default=0)
 
