@@ -1,7 +1,7 @@
 """Plans (missions, geofences and rally points): their items, the checks of uploads, and the plan file.
 
 The geofence has polygons, circles, and a cylinder around home (GF_MAX_HOR_DIST, GF_MAX_VER_DIST). As on PX4, a position
-must be inside at least one inclusion area, if there is any, and outside all exclusion areas.
+must be outside all exclusion areas and, if there are inclusion areas, inside one of them.
 
 A plan is always replaced as a whole: an incomplete upload changes nothing. The file keeps the plans and the number of
 the next mission item across restarts, as PX4's dataman does. The checks of uploads return MAV_MISSION_RESULT
@@ -51,7 +51,7 @@ def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | N
 
 
 def moved(home: Home, state: EstimatedState) -> bool:
-    """Return whether the vehicle is clearly away from home. Home then follows a disarmed vehicle."""
+    """Return whether the vehicle is clearly away from home. If it is disarmed, the commander then renews home."""
     n, e, z = state.position_ned
     away = math.hypot(n - home.position_ned[0], e - home.position_ned[1])
     return away > MOVED_HORIZONTAL_M or abs(z - home.position_ned[2]) > MOVED_VERTICAL_M
@@ -109,7 +109,7 @@ def local_position(
 ) -> Vec3:
     """Return a place as a local position (m, NED). `above_home`: the altitude is above home, not above sea level.
 
-    A coordinate is nan if it is not given, or if the altitude is above home while home is unknown.
+    A coordinate is nan if it is not given. Down is also nan if `above_home` is true and home is unknown.
     """
     north, east = horizontal(lat_deg, lon_deg, state)
     if not abs(alt_m) < 1e5:
@@ -120,7 +120,7 @@ def local_position(
 
 
 def local_place(item: PlanItem, state: EstimatedState, home: Home | None) -> Vec3:
-    """Return the item's `local_position`; all nan in a frame that is not global."""
+    """Return the item's `local_position`. If the item's frame is not global, all coordinates are nan."""
     if item.frame not in GLOBAL_FRAMES:
         return (math.nan, math.nan, math.nan)
     return local_position(state, home, item.lat_deg, item.lon_deg, item.z, above_home=item.frame in ABOVE_HOME)
@@ -153,7 +153,7 @@ class FenceArea:
 
 
 def well_formed(items: tuple[PlanItem, ...]) -> bool:
-    """Return whether each polygon has consecutive vertices, as many as param1 of its first item: 3 … MOST_VERTICES."""
+    """Return whether each polygon's vertices are consecutive and have their number (3 … MOST_VERTICES) as param1."""
     i = 0
     while i < len(items):
         item = items[i]
@@ -177,7 +177,7 @@ def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea
         item = items[i]
         count = int(item.p[0]) if item.command in POLYGONS else 1
         if item.command != RETURN_POINT:
-            # (0, 0) is a real position here, so `lat_deg` and `lon_deg` are not used
+            # in a fence (0, 0) is a real position, but `lat_deg` and `lon_deg` would be nan
             points = tuple(horizontal(v.x * 1e-7, v.y * 1e-7, state) for v in items[i : i + count])
             radius = item.p[0] if item.command not in POLYGONS else 0.0
             result.append(FenceArea(item.command in (POLYGON_IN, CIRCLE_IN), points, radius))

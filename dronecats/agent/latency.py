@@ -1,10 +1,10 @@
-"""Policies for model latency in vehicle time: real, measured, fixed, drawn, recorded, or by the token.
+"""Policies for model latency in vehicle time: real, measured, fixed, random, recorded, or by tokens.
 
-The drone holds while the model decodes, and the world keeps moving. In real time, vehicle time passes during the call.
-In lockstep, the vehicle's clock stands still during the call, then advances by the charge (the latency that the policy
-gives). If the charge is known beforehand, the clock may advance during the call. See docs/latency.md.
+While the model decodes, the world keeps moving. In real time, vehicle time passes during the call. In lockstep, the
+vehicle's clock advances by the charge (the latency that the policy gives): after the call or, only if the charge is
+known beforehand, during the call. See docs/latency.md.
 
-A policy is a value (`LatencyPolicy`). run.json and spec files hold its text as it was written.
+A policy is a value (`LatencyPolicy`). run.json and spec files hold its text; run.json names a trace by its digest.
 """
 
 import hashlib
@@ -66,7 +66,7 @@ class LatencyPart:
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """A reply's latency in vehicle time: the sum of the parts. A part `cap` (a maximum rate) only extends this sum."""
+    """A reply's latency in vehicle time: the sum of the parts. `cap` (a maximum rate) is not added; it is a minimum."""
 
     parts: tuple[LatencyPart, ...]  # empty: real time
 
@@ -74,8 +74,7 @@ class LatencyPolicy:
     def parse(cls, text: str, trace: Sequence[float] | None = None) -> "LatencyPolicy":
         """Return the policy of a text: `real`, or one or more of KINDS joined by +.
 
-        `trace`: the recorded latencies (s) of a part `trace:DIGEST`, where DIGEST is their `trace_name`. Raises
-        UsageError.
+        `trace`: the recorded latencies (s) of a part `trace:DIGEST`; DIGEST is `trace_name(trace)`. Raises UsageError.
         """
         words = split_policy(text)
         if words == [REAL]:
@@ -124,8 +123,8 @@ class LatencyPolicy:
     def with_part(self, text: str, instead_of: Sequence[str] = ()) -> "LatencyPolicy":
         """Return the policy with a new part.
 
-        The new part replaces the first part whose kind is in `instead_of`. Without such a part, it is added at the end,
-        and a part of the same kind is removed. Raises UsageError.
+        The new part replaces the first part whose kind is in `instead_of`. If there is none, the new part is added at
+        the end and replaces a part of its own kind. Raises UsageError.
         """
         if self.real:
             raise UsageError(f"{NOTHING_ADDED}, got '{text}'")
@@ -174,10 +173,10 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
     return tuple(trace)
 
 
-# Random streams. Each kind has its own stream, so that joined kinds are independent. A kind's parameters do not affect
-# which quantile a question draws, so the same questions are slow with all parameters. NumPy's seed sequences ignore a 0
-# at the end, so stream 0 is not used. `pictures.py` uses stream 6. The noisy pilot (`pilots/oracle/noisy.py`) draws
-# without a stream.
+# Random streams. Each kind has its own stream, so that joined kinds are independent. The quantile that a question draws
+# does not depend on the parameters (except RHO), so changed parameters leave the same questions slow. NumPy's seed
+# sequences ignore a 0 at the end, so stream 0 is not used. `pictures.py` uses stream 6. The noisy pilot
+# (`pilots/oracle/noisy.py`) draws without a stream.
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
 
@@ -212,7 +211,7 @@ def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, 
     """Return a draw with the mean 1 / `rate_hz` and this coefficient of variation.
 
     The draw's logarithm is normal, and follows a first-order autoregression over the questions. `rho` is the
-    correlation of two successive questions. No state is kept: each call draws the sequence up to this question again.
+    correlation of two successive logarithms. No state is kept: each call draws the sequence up to this question again.
     """
     variance = math.log1p(cv * cv)
     shocks = np.random.default_rng((*question.seed, 0, question.drone, JITTER_STREAM)).standard_normal(
@@ -225,7 +224,7 @@ def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, 
 
 
 def _traced_s(question: Question, _of: Circumstance, *trace: float) -> float:
-    """Return the next recorded latency, in order and cyclically. The first one is random per drone and flight.
+    """Return the next recorded latency; after the last, the first follows. The start is random per drone and flight.
 
     The order keeps the correlation of successive replies.
     """
@@ -251,7 +250,7 @@ def _measured_s(_question: Question, of: Circumstance) -> float:
 
 
 def _held_s(_question: Question, of: Circumstance, rate_hz: float) -> float:
-    """Return the latency (s) after which 1 / `rate_hz` has passed since the last reply; 0 for the first reply."""
+    """Return the latency (s) that puts a reply at least 1 / `rate_hz` s after the last one; 0 for the first reply."""
     return 0.0 if of.since_s is None else max(0.0, 1.0 / rate_hz - of.since_s)
 
 
@@ -261,7 +260,7 @@ class LatencyKind:
 
     charge: Callable[..., float]  # (question, circumstance, *numbers) → vehicle seconds
     quantities: tuple[DeclaredNumber, ...] = ()
-    optional: int = 0  # number of the last quantities that may be left out
+    optional: int = 0  # how many of the last quantities may be left out
     foreseen: bool = True  # whether the charge is known before the reply
     file: str = ""  # placeholder of a file name, for a kind that has a file instead of numbers
 

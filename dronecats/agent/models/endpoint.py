@@ -46,7 +46,7 @@ _DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # retryDelay of google.rpc.Ret
 def fault_in(body: bytes) -> tuple[int, str] | None:
     """Return the error in the body of an answer with status 200; None if there is none.
 
-    The result is the HTTP status (given by the vendor, or derived from the vendor's words) and `Exchanged.outcome`.
+    The result is the HTTP status (the vendor's, or derived from its words) and the text for `Exchanged.outcome`.
 
     The error may be at the top level (Gemini, Anthropic, OpenRouter) or in the first choice (OpenRouter, for an error
     in the middle of a reply).
@@ -92,13 +92,13 @@ def _status(error: Any) -> int:
     return next((status for status, word in _WORDS if word.search(text)), BAD_REQUEST)
 
 
-GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses; an episode has this length
+GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses: the length of an episode
 CONNECT_S = 10.0  # wall s for each connection, included in GIVE_UP_S
 MAX_BODY_BYTES = 4 * 2**20  # longest body of an answer, decompressed; an answer of 8192 tokens has about 40 kB
 MAX_READ_CHARS = 100_000  # `brief` reads this many characters of an answer, and shows 200
 MAX_PAUSE_S = 60.0  # s, longest pause that an answer may ask for
 AGAIN = (408, 425, 429)  # statuses after which a question is sent again, besides 5xx
-UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # statuses that every question would get
+UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # statuses of errors that every question would get
 _VERSION = re.compile(r"/v\d")  # version in the path of an address
 HEADERS = {"Accept-Encoding": "identity", "Content-Type": "application/json"}
 T = TypeVar("T")
@@ -110,7 +110,7 @@ class RetryPolicy:
 
     give_up_s: float = GIVE_UP_S  # wall s
     attempts: int = 3
-    pause_s: float = 2.0  # wall s before attempt 2, doubled for each later one, unless the endpoint sets the pause
+    pause_s: float = 2.0  # wall s before attempt 2; doubles with each attempt. The endpoint may set another pause
 
 
 DEFAULT = RetryPolicy()
@@ -173,7 +173,7 @@ def _trusted() -> ssl.SSLContext:
 
 
 class Endpoint:
-    """A base URL with its key. Errors, `shown` and `brief` contain no secrets. A body may; `hide` removes them."""
+    """A base URL with its key. Errors, `shown` and `brief` contain no secrets. `hide` removes those of a body."""
 
     def __init__(
         self,
@@ -200,7 +200,7 @@ class Endpoint:
         signed = {key_header.name: key_header.before + key} if key else {}
         try:
             self._base = httpx.URL(base_url)
-            # the proxy of variables such as HTTP_PROXY cannot reach this machine's loopback address
+            # a proxy (set by HTTP_PROXY, for example) cannot reach this machine's loopback address
             proxied = not _is_loopback(self._base.host)
             self._http = httpx.Client(headers={**headers, **signed}, verify=_trusted(), trust_env=proxied)
         except (httpx.InvalidURL, ValueError):
@@ -213,7 +213,7 @@ class Endpoint:
         self._http.close()
 
     def url(self, path: str) -> httpx.URL:
-        """Return the address of `path` (no slash before it) below the base, with the queries of both."""
+        """Return the base URL with `path` (without a first slash) appended, and the queries of both."""
         base, _, base_query = self._base.raw_path.partition(b"?")
         place, _, query = path.encode().partition(b"?")
         queries = b"&".join(filter(None, (query, base_query)))
@@ -263,8 +263,8 @@ class Endpoint:
     def post(self, path: str, content: bytes, tokens: int, failed: list[bytes]) -> Answer:
         """Send a question until an attempt gives an `Answer`, and return it. `patience` limits the attempts.
 
-        `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError. If
-        every question would get the same error, raises its subclass ModelRejectedError without more attempts.
+        `tokens`: an estimate for the limiter. `failed` receives the bodies of failed answers. Raises ModelError. For an
+        error that every question would get, raises the subclass ModelRejectedError without more attempts.
         """
         return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, failed, until))
 
@@ -328,7 +328,7 @@ class Endpoint:
         """Send one request; report its rate limit headers to the limiter."""
         left_s = max(until - time.monotonic(), 0.001)
         timeout = httpx.Timeout(left_s, connect=min(CONNECT_S, left_s))
-        # a redirect is never followed: it would send the key to another address
+        # redirects are not followed, because they would send the key to another address
         with self._http.stream("POST", url, content=content, timeout=timeout, follow_redirects=False) as response:
             if self._limiter and (allowed := allowances(response.headers)):
                 self._limiter.update(allowed)
@@ -393,7 +393,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def retry_after_s(headers: httpx.Headers, now: datetime | None = None) -> float | None:
-    """Return the wait (s, at most MAX_PAUSE_S) that Retry-After gives as seconds or a date; None without it."""
+    """Return the wait (s, at most MAX_PAUSE_S) of a valid Retry-After header (seconds or a date), else None."""
     value = headers.get("retry-after")
     if value is None:
         return None

@@ -1,10 +1,10 @@
 """Audits a run: alternative success rules, strict parsing of replies, and the effect of the action `think`.
 
 Source: paper, appendices "Verifier Audit" and "Test-Time Deliberation". A mended reply is one that the lenient parser
-repaired. Strict parsing accepts only the format of the prompt. If it removes or changes a declaration, the verdict is
-derived again from the changed log, although a real flight would have continued differently. The comparisons of `think`
-are observations, not an experiment: a pilot thinks when it is in trouble. The paper does not define the compared steps.
-This module uses the three steps before a step and the three steps after it.
+repaired. Strict parsing accepts only the format of the prompt. If strict parsing removes or changes a declaration, the
+verdict is derived again from the changed log. A real flight would have continued differently. The comparisons of
+`think` do not prove an effect, because a pilot thinks when it is in trouble. The paper does not define the compared
+steps. This module uses the three steps before a step and the three steps after it.
 """
 
 import math
@@ -27,7 +27,7 @@ from foundation.run_folder.results import SCORED
 from foundation.run_folder.rows import Decision
 
 AFTER = 3  # number of compared steps before a step, and after it
-MATCHED_M = 0.25  # m per step; a think and another step match if their closing rates are in one interval of this width
+MATCHED_M = 0.25  # m per step, width of an interval of closing rates; a think matches ordinary steps in its interval
 # m closed in three steps. Less than STALL_M before a step is a stall. BROKEN_M or more after the step ends the stall.
 STALL_M, BROKEN_M = 0.5, 1.0
 
@@ -41,16 +41,16 @@ class StepOutlook:
 
     think: bool
     closing_m: float | None  # m closed from the previous step's frame to this step's frame
-    gained_m: float | None  # m closed per step, mean over the three steps after it
-    stalled: bool | None  # less than 0.5 m was closed in the three steps before it
-    broken: bool | None  # 1 m or more was closed in the three steps after it
+    gained_m: float | None  # m closed per step, mean over the three steps after this one
+    stalled: bool | None  # less than 0.5 m was closed in the three steps before this one
+    broken: bool | None  # 1 m or more was closed in the three steps after this one
     lost: bool | None  # the target was not in view
-    regained: bool | None  # the target was in view at a frame of the three steps after it
+    regained: bool | None  # the target was in view at a frame of the three steps after this one
 
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """How often an event followed: after `think` out of `of_thinks` think steps, `other` out of `of_others` others."""
+    """How often an event followed: after `think` of `of_thinks` think steps, and `other` of `of_others` other steps."""
 
     think: int
     of_thinks: int
@@ -66,7 +66,7 @@ class Deliberation:
     matched: int  # think steps for which there are ordinary steps in the same interval of closing rates
     gain_m_per_step: float | None  # mean closing rate after thinks minus the mean after their matches; None: no matches
     stalls: Followed  # counts over stalled steps; the event: the stall was broken within three steps
-    losses: Followed  # counts over steps without the target in view; the event: it was in view again within three steps
+    losses: Followed  # counts over steps without the target in view; the event: in view again within three steps
 
 
 def step_outlooks(flight: JudgedFlight) -> list[StepOutlook]:
@@ -161,8 +161,8 @@ def last_declaration(flight: JudgedFlight) -> bool | None:
 def ten_seconds(flight: JudgedFlight) -> bool | None:
     """Return whether a drone was within the radius with the target in view for ten unbroken seconds.
 
-    Declarations have no effect. None for episodes with a static target, without measurements, and for flights that are
-    censored before the ten seconds are over.
+    Declarations have no effect. None: the target is static, nothing was measured, or the flight is censored and has no
+    such ten seconds.
     """
     held_s = hold_s(flight.logs, flight.delta_m, flight.cap_s) if flight.cell in MOVING else None
     if held_s is None:
@@ -214,7 +214,7 @@ class EpisodeAudit:
 class Flips:
     """The outcomes that a rule would change."""
 
-    decided: int  # scored episodes whose logs show the outcome by the rule
+    decided: int  # scored episodes whose outcome by the rule is known
     successes: int  # decided episodes that succeeded by the criterion
     lost: int  # successes that the rule makes failures
     gained: int  # failures that the rule makes successes
@@ -315,8 +315,9 @@ def strictness(flight: JudgedFlight) -> Strictness:
 def strictly(decision: Decision, drones: list[int]) -> dict[str, Any] | None:
     """Return the action of a decision under strict parsing of its reply.
 
-    The axis order is not known here. The result is the logged action if the order xy or yx gives it, else the action in
-    the order xy. If the reply was not logged, the result is the logged action. `drones`: the drones of the reply.
+    The log does not name the axis order. If one order (xy or yx) gives the logged action, the result is that action;
+    else it is the action in the order xy. If the reply was not logged, the result is the logged action. `drones`: the
+    drones of the reply.
     """
     if decision.reply is UNSET:
         return decision.action

@@ -1,15 +1,15 @@
 """The oracle with the vision pilot's errors: a pilot for studies of thousands of flights without pictures.
 
 The noisy pilot knows the truth and imitates the vision pilot. It flies to the target (with an error in pixel and
-depth), flies to something else, or searches, each as often as vision (`vision_errors.json`). It never finds a target
-that the picture does not show. Like vision, it declares by its own estimate of the distance. Its random draws depend
-only on the record's seed, the flight's seed, the drone and the step. Flights under different disturbances therefore
-have the same draws and can be compared in pairs. In studies the noisy pilot represents vision, not a model.
+depth), flies to something else, or searches. It does each as often as vision does (`vision_errors.json`). It never
+finds a target that the picture does not show. Like vision, it declares when its estimated distance is small. Its random
+draws depend only on the record's seed, the flight's seed, the drone and the step. Flights under different disturbances
+therefore have the same draws and can be compared in pairs. In studies the noisy pilot represents vision, not a model.
 
-The probabilities at a step depend on the previous step and, for a visible target, on the target's distance. They have
-one set of values from flights in which vision failed, and one from flights in which vision succeeded. One draw per
-flight selects the set, because a mistake of vision lasts the whole flight. `python -m dronecats.pilots.fitting
-vision-errors` fits the values.
+The probabilities at a step depend on the previous step and, for a visible target, on the target's distance. There are
+two sets of values: from flights in which vision failed, and from flights in which vision succeeded. One draw per flight
+selects the set, because a mistake of vision lasts the whole flight. `python -m dronecats.pilots.fitting vision-errors`
+fits the values.
 """
 
 import json
@@ -38,7 +38,7 @@ FILE = Path(__file__).with_name("vision_errors.json")
 ARRIVED_M = 4.6  # m, estimated distance at which the pilot declares, as in `vision.color_target`
 _WANDERS = 3  # after this many strides to other vantage points, a new search circle begins
 _LEAVE_DEG = 75.0  # deg, turn away after a wrong declaration
-_EDGE = 60.0  # 0–1000, least distance of a point from the picture's side
+_EDGE = 60.0  # least distance of a point from the picture's sides, which are at 0 and 1000
 
 
 def distance_band(distance_m: float) -> int:
@@ -48,16 +48,16 @@ def distance_band(distance_m: float) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attention:
-    """Shares of the steps at which vision takes a thing, that is, treats the thing as the target.
+    """Shares of the steps at which vision takes a thing (treats it as the target).
 
     `strays`, `stays` and `claims` count only steps at which vision does not take the target.
     """
 
     found: tuple[float, float, float]  # per band: takes the visible target, but did not take it at the step before
     kept: tuple[float, float, float]  # per band: takes the visible target, and took it at the step before
-    strays: float  # takes something else or declares wrongly, after a step that did not take something else
-    stays: float  # takes something else, after a step that did too
-    claims: float  # declares wrongly, after a step that took something else
+    strays: float  # takes something else or declares wrongly; the step before did not take something else
+    stays: float  # takes something else; the step before did too
+    claims: float  # declares wrongly; the step before took something else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +70,7 @@ class DetectionErrors:
     lost: Attention  # attention in flights that failed
     aside_px: float  # px of a picture 1280 wide: standard deviation of a point's horizontal error
     above_px: float  # px of a picture 1280 wide: standard deviation of a point's vertical error
-    depth: float  # mean log ratio: log(depth of the `go` / true depth of the target's centre)
+    depth: float  # median log ratio: log(depth of the `go` / true depth of the target's centre)
     depth_flight: float  # standard deviation of the flights' mean log ratios
     depth_step: float  # standard deviation of the log ratio between the steps of a flight
     astray_m: float  # m, median depth of a `go` at something else
@@ -159,7 +159,7 @@ class NoisyPilot:
         return self._without_target(state, memory, attention, errors, draw)
 
     def _to_target(self, state: TrueState, memory: _Memory, estimate_ned: Vec3, has_declared: bool) -> str:
-        """Return a `go` to the estimated target, a declaration there, or a stride nearer after a wrong declaration."""
+        """Return a `go` to the estimated target; on arrival a declaration, or a stride nearer after a wrong one."""
         memory.turns, memory.strides = 0, 0
         memory.side = math.copysign(1.0, state.bearing_deg)
         if math.dist(state.position_ned, estimate_ned) > ARRIVED_M:
@@ -220,7 +220,7 @@ class NoisyPilot:
         return _place(state, u * state.camera.width / POINT_SPAN, 0.5 * state.camera.height, depth)
 
     def _draw_flight(self, errors: DetectionErrors) -> tuple[bool, float]:
-        """Return whether vision fails in this flight, and the flight's mean depth error in units of `depth_flight`."""
+        """Return whether this flight uses `errors.lost`, and its mean depth error in units of `depth_flight`."""
         rng = np.random.default_rng((*self.seed, 0))
         return bool(rng.random() < errors.mistaken), float(rng.standard_normal())
 

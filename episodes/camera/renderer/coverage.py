@@ -2,12 +2,12 @@
 
 Triangles are drawn in homogeneous coordinates. Source: Olano and Greer, "Triangle scan conversion using 2D homogeneous
 coordinates", 1997. The three edge functions of a triangle are linear in the picture, even if corners are behind the
-camera. The near plane is a fourth linear function, so no triangle is split there. Neighbouring triangles have exactly
-the same coefficients for their common edge, with opposite signs, so there are no gaps.
+camera. The near plane is a fourth linear function, so it splits no triangle. Neighbouring triangles have exactly the
+same coefficients for their common edge, with opposite signs, so there are no gaps.
 
-The sample grid has `grain` samples per pixel in each direction, an even number. Sample (j, i) is at
-(i / grain, j / grain) px. The sample in the middle of a pixel decides depth and id. The other samples, some of them on
-the borders between pixels, are for smooth edges.
+The sample grid has `grain` (an even number) samples per pixel in each direction. Sample (j, i), in row j and column i,
+is at (i / grain, j / grain) px. The sample in the middle of a pixel decides the pixel's depth and id. The other samples
+are for smooth edges; some are on the borders between pixels.
 """
 
 import math
@@ -22,13 +22,13 @@ from foundation.compiled import njit
 from foundation.frames import Vec3
 
 BAND = 16  # rows of samples that one thread fills at a time
-NOTHING = -1  # in place of a triangle: the sample sees the sky
+NOTHING = -1  # instead of a triangle's number: the sample sees the sky
 
 
 class Drawn(NamedTuple):
     """The values that `set_up` computes for each triangle of a scene in one picture."""
 
-    # (T, 9) a, b, c of three edge functions a·i + b·j + c at sample (j, i). All three are ≥ 0 inside the triangle.
+    # (T, 9) a, b, c of three edge functions a·i + b·j + c at sample (j, i). The functions are ≥ 0 inside the triangle.
     # Each is proportional to the weight of one corner in the interpolation at that sample
     edges: NDArray[np.float64]
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
@@ -146,7 +146,7 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
 
 @njit(cache=True, nogil=True)
 def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
-    """Return the range (low, high) of slopes z / x, extended to the part of edge a - b beyond the near plane."""
+    """Return the range (low, high) of slopes z / x, extended by the part of edge a to b beyond the near plane."""
     if xa >= NEAR_M:
         low, high = min(low, za / xa), max(high, za / xa)
     if (xa >= NEAR_M) != (xb >= NEAR_M):
@@ -206,7 +206,7 @@ def draw_bands(
 
     `samples` has the shape (grain · H + 1, grain · W + 1). `sort_into_bands` returns (`start`, `items`) for opaque
     triangles and (`cut_start`, `cut_items`) for those with holes in their textures. Opaque triangles are drawn first,
-    because they hide most of the others. Of two triangles at the same depth, the first in `items` wins. `cutout`
+    because they hide most of the others. At equal depth, the triangle that is drawn first wins. `cutout`
     and `uv` are the fields of `Triangles`. `inverse_depths` (threads, 2 BAND, grain · W + 1) and `lowest` (threads,
     grain · W + 1) are work arrays for each thread. `count_up` (grain · W + 1,) is 0, 1, 2 …
     """
