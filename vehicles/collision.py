@@ -4,11 +4,11 @@ Every rotor disc is a ball, and so are the hull, the feet and the camera. Bumper
 rotors to the camera, so that no pole or board can get behind the camera.
 
 A spring and a damper push a ball out of a surface that it overlaps (Hunt and Crossley, "Coefficient of restitution
-interpreted as damping in vibroimpact", Journal of Applied Mechanics, 1975). Both forces grow with the overlap. So the
-force begins without a jump, and the ball leaves no faster than REBOUND_SPEED. All contacts and their friction are
-solved together, for the overlaps at the end of the step (sequential impulses, as in Catto, "Iterative dynamics with
-temporal coherence", 2005). So a step of 1 ms is stable for any mass and any speed of approach. Contacts change only
-velocities; the inertial sensors measure each change.
+interpreted as damping in vibroimpact", Journal of Applied Mechanics, 1975). Both forces grow with the overlap, so they
+begin without a jump. The ball leaves no faster than REBOUND_SPEED. All contacts are solved together, with friction and
+with the overlaps at the end of the step (sequential impulses, as in Catto, "Iterative dynamics with temporal
+coherence", 2005). So a step of 1 ms is stable for any mass and any speed of approach. Contacts change only velocities;
+the inertial sensors measure each change.
 
 The search for contacts takes most of the time. Each search notes how far the vehicle may move before the next search.
 """
@@ -24,18 +24,18 @@ from vehicles.ground import CRASH_BODY, CRASH_FOOT
 from vehicles.records import STEP_S, STEP_US, rotate, rotate_inverse
 from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles, in_box, in_triangle
 
-# rad/s, resonance of the whole vehicle on the spring of one contact, which has 7.4 kN/m for the X500. An arm of 16 mm
-# carbon tube has 18 kN/m at its end (3 E I / L³), a plastic guard a few kN/m, and the obstacle yields too. A bump at
-# 1.2 m/s lasts 56 ms, is 11 mm deep and reaches 96 m/s².
+# rad/s, resonance of the whole vehicle on the spring of one contact. For the X500, the spring's stiffness is 7.4 kN/m.
+# For comparison: 18 kN/m at the end of an arm of 16 mm carbon tube (3 E I / L³), a few kN/m for a plastic guard; the
+# obstacle yields too. A bump at 1.2 m/s lasts 56 ms, is 11 mm deep and reaches 96 m/s².
 RESONANCE = 60.0
 REBOUND_SPEED = 0.4  # m/s, highest rebound; an impact at 1.2 m/s rebounds with 0.31 of its speed, at 0.2 m/s with 0.75
 HIT_LEAST = 0.15  # m/s; a contact that begins more slowly is reported as a hit only if it lasts
 FRICTION = 0.45  # coefficient of plastic and carbon on dry walls and car bodies
 ROUNDS = 8  # iterations over the contacts in a step: enough for four feet on a roof
 AHEAD = 0.15  # m; the list of candidate triangles holds for this much motion of the vehicle
-TURN = 2.25  # π / √2, rounded up: the largest angle (rad) between two attitudes, per distance of their quaternions
+TURN = 2.25  # π / √2, rounded up: highest ratio of the angle (rad) between two attitudes to their quaternions' distance
 BREAKING = 2.0  # m/s, closing speed above which a propeller breaks
-CAMERA_RADIUS = 0.085  # m; up to 3 m/s no surface gets nearer to the lens than the renderer's near plane
+CAMERA_RADIUS = 0.085  # m; in impacts up to 3 m/s, surfaces stay beyond the renderer's near plane
 BUMPER_SHARES = (1 / 3, 2 / 3)  # places of a bumper's balls, as shares of the way from a rotor to the camera
 BOX = -1  # stands for the moving box in fields with an obstacle's number
 
@@ -130,7 +130,7 @@ def _note(
     face: bool,
     owner: int,
 ) -> None:
-    """Write contact number `count`, of a ball and a triangle. A ball behind a face is pushed out through the face."""
+    """Write contact `count` of a ball and a triangle. A ball with its centre behind a face goes out through it."""
     c = corners[which]
     ux, uy, uz = c[3] - c[0], c[4] - c[1], c[5] - c[2]
     vx, vy, vz = c[6] - c[0], c[7] - c[1], c[8] - c[2]
@@ -165,8 +165,8 @@ def _gather_candidates(state: Record, solids: Record, near: Record, triangles: S
         return
     i, j, k = int(u), int(v), int(w)
     u, v, w = u - i, v - j, w - k
-    # The cell lists all triangles within the grid's reach, so the list holds until the vehicle leaves the cell. Add the
-    # margin of 1 mm that `solids.reach` contains.
+    # The cell lists all triangles within the grid's reach, so the list holds until the vehicle leaves the cell, and
+    # 1 mm more: `solids.reach` contains this margin.
     holds = cell * min(min(min(u, 1.0 - u), min(v, 1.0 - v)), min(w, 1.0 - w)) + 1e-3
     number = (i * columns + j) * layers + k
     corners, bounds, start = triangles.corners, triangles.bounds, triangles.start
@@ -244,7 +244,7 @@ def _approach(state: Record, near: Record, n: int, q: Quat) -> tuple[Vec3, Vec3]
 
 @njit(cache=True)
 def mobility(params: Record, arm: Vec3, way: Vec3) -> float:
-    """Return the change of speed (m/s) by an impulse of 1 N·s at `arm` (m, FRD), both along unit vector `way` (FRD)."""
+    """Return the change of speed (m/s) of point `arm` (m, FRD) by 1 N·s there, both along unit vector `way` (FRD)."""
     x = arm[1] * way[2] - arm[2] * way[1]
     y = arm[2] * way[0] - arm[0] * way[2]
     z = arm[0] * way[1] - arm[1] * way[0]

@@ -40,10 +40,10 @@ class Setting:
     temperature: str = ""  # in words, such as "temperature 0.5"; empty: no model, or not sent
     top_p: str = ""  # in words, like temperature
     max_tokens: str = ""  # in words, like temperature
-    reasoning: str = ""  # request fields that set reasoning on steps that do not follow a `think`
+    reasoning: str = ""  # request fields for reasoning, except in steps after a `think`
 
 
-# fields of a setting that state how the model was asked; empty for other pilots
+# fields of a setting with parameters of the model's requests; empty without a model
 REQUEST_FIELDS = ("temperature", "top_p", "max_tokens", "reasoning")
 
 
@@ -58,7 +58,7 @@ class Entrant:
 
     @property
     def is_model(self) -> bool:
-        """Whether a model flew; built-in pilots and replays are never listed among models."""
+        """Whether a model flew. False for built-in pilots and replays."""
         return self.setting.is_model and not self.setting.replayed
 
     @cached_property
@@ -78,8 +78,8 @@ class Entrant:
 def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entrant, ...]:
     """Return the entrants, models first, otherwise in the order of the runs.
 
-    Raises UsageError when runs of one setting differ in other settings (`results.identity`), when a flight occurs
-    twice, or when two records have one id. `pool_anyway` permits the first two cases.
+    Raises UsageError if two different episode records have the same id. Without `pool_anyway`, also if an entrant's
+    runs differ in other settings (`results.identity`), or if two of its flights have the same episode and seed.
     """
     _check_record_ids(collection.episodes)
     runs: dict[Setting, list[RecordedRun]] = {}
@@ -207,7 +207,7 @@ FAILURE_MODE_COLUMNS = (  # names as in `failure_mode`, in the order of the pape
     OutcomeColumn("timed out", "Timed out"),
     OutcomeColumn("did not move", "Did not move"),
 )
-DRONE_OUTCOMES = (  # names of metrics, each a count of an episode's drones
+DRONE_OUTCOMES = (  # names of metrics that count an episode's drones
     OutcomeColumn("drones_found", "Found the target"),
     OutcomeColumn("drones_beside", "Declared at a look-alike"),
     OutcomeColumn("drones_elsewhere", "Declared elsewhere"),
@@ -239,7 +239,7 @@ class ReportData:
     def table_of_rows(
         self, columns: Sequence[TableColumn], rows_of: RowsFunction, notes: Sequence[str] = (), **texts: str
     ) -> ReportTable | None:
-        """Return a table with a block of models and one of built-in pilots, without empty blocks; None: no block.
+        """Return a table with a block of models and a block of built-in pilots; None: both blocks are empty.
 
         `texts`: name, title and caption of the table."""
         blocks = []
@@ -294,9 +294,9 @@ TableFunction = Callable[[ReportData], ReportTable | None]
 
 
 def by_entrant(columns: Sequence[TableColumn], **texts: str) -> Callable[[RowFunction], TableFunction]:
-    """Return a decorator that makes a table from the function of its rows; the table has the name of the function.
+    """Return a decorator for a function that returns an entrant's row. The result is a function that returns the table.
 
-    `texts`: title and caption of the table.
+    The table has the name of the row function. `texts`: title and caption of the table.
     """
 
     def decorated(row_of: RowFunction) -> TableFunction:
@@ -353,7 +353,7 @@ def cell_heading(cell: str) -> str:
 
 
 def _marked(rows: Sequence[TableRow], columns: Sequence[TableColumn]) -> tuple[TableRow, ...]:
-    """Return the rows with the best cells marked in columns that have a better direction and differing values."""
+    """Return the rows with marked best cells. A column without a better direction or with one value has no marks."""
     best: Mapping[int, float] = {
         k: (max if column.better == "more" else min)(values)
         for k, column in enumerate(columns)

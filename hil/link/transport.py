@@ -17,7 +17,7 @@ FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PO
 BITS_PER_BYTE = 10  # of a serial line, 8N1: a start bit, eight data bits, a stop bit
 BAUD = 57_600  # default rate of a serial line, as in MAVSDK and for PX4's TELEM1
 SEND_S = 5.0  # wall seconds after which a TCP client that no longer reads is dropped
-PEER_S = 3.0  # wall seconds of silence after which nothing is sent to an address
+PEER_S = 3.0  # wall seconds; nothing is sent to an address that is silent for longer
 BUFFER_BYTES = 4 * 1024 * 1024  # receive buffer: a renderer that is busy for 100 ms must not lose telemetry
 
 
@@ -28,7 +28,7 @@ class Transport(Protocol):
     peer: str = ""  # source address of the last `receive`; "": there is only one other end
 
     def time_s(self) -> float:
-        """Return the time (s) by which silence is measured: the wall clock; in lockstep, the vehicle's clock."""
+        """Return the time (s) of the clock that measures silence: the wall clock, or in lockstep the vehicle's."""
         return time.monotonic()
 
     def receive(self, timeout_s: float) -> bytes:
@@ -50,8 +50,8 @@ class Transport(Protocol):
 class UdpTransport(Transport):
     """A UDP socket that listens (`udpin`) or sends first (`udpout`).
 
-    Until `follow` names one address, it sends to the last sender and to all addresses that have sent within PEER_S. If
-    two vehicles send to one port, both get every message, and the target ids in a message show for whom it is. One
+    Until `follow` names one address, it sends to the last sender and to all addresses that have sent within PEER_S. So
+    two vehicles that send to one port both get every message. The target ids in the message name the receiver. One
     thread may receive while others send.
     """
 
@@ -171,7 +171,7 @@ class TcpListener(Transport):
             raise bind_error(error, "TCP", host, port, instead) from None
         self._listening.setblocking(False)
         self._client: socket.socket | None = None
-        self.connections = 0  # number so far
+        self.connections = 0  # clients accepted so far
 
     @property
     def port(self) -> int:
@@ -363,7 +363,7 @@ RETRY_S = 0.5  # wall seconds between two attempts
 class Reopening(Transport):
     """Wraps a transport, and reopens it when it breaks. Meanwhile it receives nothing, and discards sent bytes.
 
-    It retries without a time limit: `Conversation` raises if the vehicle is silent for too long.
+    The retries have no time limit, because `Conversation` raises if the vehicle is silent for too long.
     """
 
     def __init__(self, open_transport: Callable[[], Transport]) -> None:

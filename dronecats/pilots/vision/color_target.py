@@ -1,13 +1,13 @@
 """Chooses the action for a target that the command names by its colour and kind: "the cyan SUV".
 
 The drone aims ahead of moving targets, and flies round the end of long targets. Both tasks need a value from the
-previous step. The pilot has no memory, but the prompt's history repeats the depth of each stride, so depths encode the
-values:
+previous step. The pilot has no memory, but the prompt's history has the depths of its strides (`go` actions). So these
+depths encode the values:
 
 - The last digit of a long stride's depth encodes the lead: the offset by which the stride aimed beside the target. From
   the lead and the next picture, the pilot computes how far the target has moved sideways.
-- The depths _RIGHT_M and _LEFT_M encode the side on which the drone passes a long target (a bus). Success needs a place
-  near the target's middle. The ends are too far from the middle, so the drone must fly to a flank.
+- The depths _RIGHT_M and _LEFT_M encode the side on which the drone passes a long target (a bus). A flight succeeds
+  only near the target's middle. The ends are too far from it, so the drone must fly to a flank.
 """
 
 import math
@@ -25,7 +25,7 @@ UNSEEN_PX = (MIDDLE_PX, LEVEL_PX)  # the point of a stride to a target that was 
 _LEAD_DEPTH_MIN_M = NEAR_M + 1.0  # smaller depths do not encode a lead
 _LEAD_STEP = 0.03  # lead per unit of the digit, as a fraction of the picture's width
 _NO_LEAD = 5  # the digit for no lead
-_STILL_M = 0.4  # a target moves if its sideways motion during a stride is at least this; less is the drone's own drift
+_STILL_M = 0.4  # least sideways motion per stride for which a target counts as moving; less is the drone's own drift
 _MOST_ACROSS_M = 1.2  # limit of the sideways motion during a stride: 0.3 m/s for 4 s, the time of a turn and a stride
 _MOST_STRIDES = 2.0  # the lead covers the target's motion during at most this many strides
 _SHORT_OF_M = 4.0  # distance from the target at which the last stride is assumed to end
@@ -33,10 +33,10 @@ LONG_M = 7.0  # a thing is long from this length on
 _END_REACH_M = 3.2  # the drone passes the near end of a long thing if the end is at least this far from the middle
 _LONG_WITHIN_M = 20.0  # at larger distances the drone flies straight to a long thing
 _CLEAR_M = 1.9  # distance between the drone's path and the edge of the thing
-_RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes the thing on its right, or on its left
+_RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride past the thing's right or left side in the picture
 _FLANK_TURN_DEG = 60.0
 FLANK_DISTANCE_M = 4.0  # distance from a passing drone to the flank
-_PASSING_OFFSET = 0.08  # fraction of the picture's width; a thing farther off is passed on its side nearest the middle
+_PASSING_OFFSET = 0.08  # fraction of the picture's width; a thing farther right is passed on its left, and vice versa
 _CUT_OFF = 0.49  # fraction of the picture's width; the picture cuts off a thing that reaches farther from the middle
 
 
@@ -99,7 +99,7 @@ def passing_side(past: tuple[PastAction, ...]) -> int:
 
 
 def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
-    """Return a stride past the near end of a long thing, on the side of its flank.
+    """Return a stride past the near end of a long thing. Without another reason, the side is the flank's.
 
     In the picture, the flank's upper edge drops with distance, so the sign of `Detection.lean` gives the flank's side.
     """
@@ -117,7 +117,10 @@ def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
 
 
 def stride_along_flank(detection: Detection, past: tuple[PastAction, ...]) -> str | None:
-    """Return a stride along the flank, to the side on which the flank continues; None if it does not continue."""
+    """Return a stride along the flank; None if its direction is unknown.
+
+    It goes straight ahead; after a turn, it goes to the only side on which the picture cuts off the flank.
+    """
     side = passing_side(past)
     if not side:
         return None
@@ -151,12 +154,12 @@ ARRIVED_M = 4.6
 _STOP_M = 3.8  # distance from the target at which a stride ends; the drone then drifts on for about half a metre
 _CAREFUL_M = 9.0  # within this distance strides are short: the estimate may be wrong, and the target may approach
 _FILLS = 0.6  # fraction of the picture's width; a wider thing fills the picture
-_EDGE = 0.015  # fraction of the picture's width; the picture's edge cuts off a thing this near to the edge
+_EDGE = 0.015  # fraction of the picture's width; a thing this near to the edge counts as cut off
 _AHEAD_M = 6.0  # if an undetected target is expected beyond this distance, the drone flies one more stride
 _LOST_M = 12.0  # a detection farther away than this after a declaration is not the target
 _FIRST_CIRCLE_SCORE_MIN = 0.6  # until the first stride, a detection after a turn needs at least this score
 
-# Height. The controller flies level below a slope of 0.15, so near the target slopes under _LEVEL_BELOW become _LEVEL.
+# Height. The controller flies level at slopes below 0.15. Near the target, _LEVEL limits slopes up to _LEVEL_BELOW
 _LEVEL, _LEVEL_BELOW = 0.14, 0.30
 _LEVEL_WITHIN_M = 7.0
 
@@ -194,7 +197,7 @@ def _expected(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
 
 
 def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, past: tuple[PastAction, ...]) -> str:
-    """Return the action without a detection: a declaration after the last stride, else a stride, turn or search."""
+    """Return the action without a detection: a declaration after a shortest stride, else a stride, turn or search."""
     if past and past[-1].is_shortest_stride:  # so near that the glass and the shadow of the target fill the picture
         return actions.finished()
     if search.has_turned_away(past):

@@ -1,8 +1,8 @@
 """Computes the light, depth and id of each pixel, and the picture with smooth edges.
 
 Shading computes the light from a surface to the camera, at the middle of each pixel. Resolving smooths edges with the
-samples in each pixel, and encodes the light as sRGB. If a sample sees a surface that is at the middle of no nearby
-pixel, resolving shades this sample, too.
+samples in each pixel, and encodes the light as sRGB. If the middle of no nearby pixel shows the sample's surface,
+resolving shades this sample, too.
 """
 
 import math
@@ -25,10 +25,10 @@ FRESH = 4  # px between updates of slowly changing values in `_shade`; a power o
 UNSEEN = -2  # index that stands for "no triangle yet"
 # the sky's open share at a wall is read this far in front of the wall, in cells of the occlusion grid
 AWAY_CELLS = 0.8
-# below FOOT_M above the ground, upright things get darker; at their foot they lose FOOT_DARKNESS of the sky's light
+# upright things get darker from FOOT_M above the ground downwards; their foot loses FOOT_DARKNESS of the sky's light
 FOOT_M, FOOT_DARKNESS = 0.8, 0.5
 LEAF_BIAS_M = 0.35  # leaves do not shade one another within this distance towards the sun
-LEAF_WRAP = 0.35  # wrap lighting: the sun lights leaves until the cosine between sun and clump is -LEAF_WRAP
+LEAF_WRAP = 0.35  # wrap lighting: the sun lights leaves if (clump normal · sun direction) is above -LEAF_WRAP
 SLIVER = 1e-7  # lower limit of (sum of weights) / volume: rounding must not put a thin triangle at infinity
 
 
@@ -99,9 +99,9 @@ def shade_rows(
 def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.float32]) -> None:
     """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, not used here).
 
-    Values of a triangle are kept until a sample sees another triangle, or the column differs from the last sample's by
-    more than FRESH pixels. The texture's footprint, the drift of the tone and the open share of the sky are also
-    computed again every FRESH samples.
+    Values of a triangle are computed again if a sample sees another triangle than the last sample, or is more than
+    FRESH pixels to the side of it. The texture's footprint, the drift of the tone and the open share of the sky are
+    also computed again every FRESH samples.
     """
     eye, drawn, triangles, surfaces, atlas, samples = (
         shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.samples
@@ -205,7 +205,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             direct = day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd
             direct = max((direct + LEAF_WRAP) * (1.0 / (1.0 + LEAF_WRAP)) if leafy else direct, 0.0)
             direct *= sunlight(sun, pn, pe, pd, slope_x, slope_y, bias)
-        # read the open sky in front of a wall, because the half of the sky behind the wall must not darken it
+        # read the open sky in front of a wall: sky that the wall itself hides must not darken the wall
         if entered or k & (FRESH - 1) == 0:
             free, height = open_sky(shade, pn + aside * fn, pe + aside * fe, pd + 0.2 * fd, fd)
         above = 0.5 - 0.5 * nd
@@ -260,7 +260,7 @@ def _polish(
     lg: float,
     lb: float,
 ) -> Vec3:
-    """Return the light (lr, lg, lb) of a surface with a reflection of its surroundings and a soft highlight of the sun.
+    """Add a reflection of the surroundings and a soft highlight of the sun to the light (lr, lg, lb), and return it.
 
     The mirrored share follows Schlick's approximation of Fresnel's law. `free` is the open share of the sky.
     """
@@ -305,10 +305,10 @@ def resolve_rows(
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
     A pixel whose samples all see one triangle keeps its light. Any other pixel gets the mean of its samples; samples on
-    the border count half. If the middle of this pixel, or of a pixel next to the sample, shows the sample's flat piece,
-    the sample gets that pixel's light. Otherwise the sample itself is shaded. Work arrays per thread: `edges`
-    (threads, grain · W + 1), `places` and `own` (threads, n, 3), `weights` (threads, n), `means` (threads, W, 3). n is
-    the number of samples in a row of pixels; samples on a border count once per pixel.
+    the border count half. If this pixel or a pixel next to the sample has the sample's flat piece (`Triangles.plane`)
+    at its middle, the sample gets that pixel's light. Otherwise `_shade` shades the sample. Work arrays per thread:
+    `edges` (threads, grain · W + 1), `places` and `own` (threads, n, 3), `weights` (threads, n), `means` (threads, W,
+    3). n is the number of samples in a row of pixels; samples on a border count once per pixel.
     """
     height, width = rgb.shape[:2]
     samples, plane = shot.samples, shot.triangles.plane
@@ -388,7 +388,7 @@ def _sign(d: int) -> int:
 def _find(
     shot: ShadingInput, wanted: int, y: int, x: int, dy: int, dx: int, height: int, width: int
 ) -> tuple[int, int]:
-    """Return the pixel beside (y, x), on the side (dy, dx), whose middle sees the piece `wanted`, or (-1, -1)."""
+    """Return a pixel next to (y, x), on the side (dy, dx), with the piece `wanted` at its middle; (-1, -1): none."""
     samples, plane, grain = shot.samples, shot.triangles.plane, shot.eye.grain
     for choice in range(3):
         qy = y + (dy if choice != 1 else 0)
