@@ -93,7 +93,7 @@ BY_ID: dict[int, Stream] = {stream.message_id: stream for stream in TABLE}
 BY_NAME: dict[str, Stream] = {stream.name: stream for stream in TABLE}
 HEARTBEAT_ID = int(dialect.MAVLINK_MSG_ID_HEARTBEAT)
 
-# groups of REQUEST_DATA_STREAM (MAV_DATA_STREAM), which older clients send instead of SET_MESSAGE_INTERVAL
+# groups of streams (MAV_DATA_STREAM); older clients send REQUEST_DATA_STREAM instead of SET_MESSAGE_INTERVAL
 GROUPS: dict[int, tuple[str, ...]] = {
     dialect.MAV_DATA_STREAM_RAW_SENSORS: ("HIGHRES_IMU", "SCALED_PRESSURE", "GPS_RAW_INT"),
     dialect.MAV_DATA_STREAM_EXTENDED_STATUS: ("SYS_STATUS", "EXTENDED_SYS_STATE", "GPS_RAW_INT", "MISSION_CURRENT"),
@@ -110,7 +110,7 @@ PARAMETER_LIST = "parameters"  # name of the transfer of the parameter list
 # messages of each transfer per tick: with 100 ticks a second, a log is sent at 180 kB/s
 TRANSFERS_PER_TICK = 20
 PARAMETERS_PER_TICK = 18  # 1800 a second; PX4 sends 1000
-TRANSFER_BACKLOG = 200  # messages; transfers other than parameters pause while the queue has so many or more
+TRANSFER_BACKLOG = 200  # messages; while the queue has this many or more, all transfers except parameters pause
 FASTEST_US = 1_000  # least interval of a stream
 ENCODING_ERRORS = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
 QUEUE_LIMIT = 20_000  # messages; a longer queue (its client reads nothing) loses its oldest half
@@ -183,7 +183,7 @@ class Port:
             del self._out[: -QUEUE_LIMIT // 2]
 
     def send_raw(self, data: bytes) -> None:
-        """Queue a packed message of another component without a change."""
+        """Queue a packed message of another component unchanged."""
         self._out.append(data)
 
     def send_heartbeat(self) -> None:
@@ -253,7 +253,7 @@ class Port:
             due = stream[0]
             if now >= due:
                 interval = stream[1]
-                # late by an interval or more: count from now instead of sending a burst
+                # a stream that is late by an interval or more counts from now, and sends no burst
                 stream[0] = due + interval if now - due < interval else now + interval
                 self.send_telemetry(message_id)
         self._next_due_us = min((stream[0] for stream in self._streams.values()), default=now)
@@ -288,7 +288,7 @@ class Upload:
     received_us: int
     requested_us: int
     items: list[PlanItem] = field(default_factory=list)
-    taken_us: int | None = None  # time of completion; after it, a repeated last item is acknowledged again
+    taken_us: int | None = None  # time of completion; if the last item comes again, it is acknowledged again
 
     def request(self, now_us: int) -> None:
         self.requested_us = now_us
@@ -331,7 +331,7 @@ class Uploads:
 TEXT_CHUNK = 50  # bytes, STATUSTEXT.text
 REPEAT_US = 1_000_000  # the same complaint, for example about bad setpoints, is sent at most once a second
 
-Inject = Callable[[int, int, int], bool]  # FAILURE_UNIT, FAILURE_TYPE, instance (0 = all) → whether this is possible
+Inject = Callable[[int, int, int], bool]  # FAILURE_UNIT, FAILURE_TYPE, instance (0 = all) → whether it was applied
 
 
 class Node:

@@ -19,13 +19,13 @@ from hil.link.transport import Transport
 
 BRAKE_S = 0.5  # s of vehicle time for which setpoints hold the vehicle at the end of a flight, before mode Hold
 ROUND_RATE = math.radians(60.0)  # rad/s, yaw rate of the full turn in `fly_to`
-GIVEN_S = 1.5  # s that Hold must last to be a hand-over: meanwhile a heartbeat shows whether a failsafe caused Hold
+GIVEN_S = 1.5  # s that Hold or Offboard must last to be a hand-over; a heartbeat in this time would show a failsafe
 OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
 ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may fail for a moment
 OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
-DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
+DISARMED_US = 1_500_000  # µs for which a flying vehicle reports `disarmed` before it counts: more than one heartbeat
 CAUSE_US = 2_000_000  # µs; the text of a failsafe may arrive this long before the mode that the failsafe sets
-FOREIGN_S = 600.0  # s for a person to arm, and then again to take off and hand over
+FOREIGN_S = 600.0  # s for a person to arm; after that, the same time to take off and hand over
 LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}  # mode → modes to which PX4 switches from it by itself
 HOMEWARD = ("LAND", "RETURN")  # modes that end on the ground; we send no orders after them
 ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}  # modes for the end of a flight
@@ -77,7 +77,7 @@ class Link(Conversation):
         self._leaving: tuple[str, ...] = ()  # earlier modes, accepted until OVERTAKEN_US after `_obeyed_us`
         self._obeyed_us = 0  # µs, vehicle clock when telemetry first showed an expected mode; 0: not yet
         self._taken_by: str | None = None
-        self._overridden = False  # whether a mode that we ordered is still requested, despite the takeover
+        self._overridden = False  # whether a failsafe has overridden a mode that we ordered
         self.simulated = simulated
         self.failsafe = ""  # what PX4 does in Offboard when setpoints stop, in words; empty: unknown
         self._strayed_us = 0  # µs, when a simulated vehicle entered a mode that we did not order
@@ -86,7 +86,7 @@ class Link(Conversation):
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
         self._home_ned: Vec3 | None = None  # m, local frame; home as fixed by `settle_envelope`
-        self._first_ned: Vec3 | None = None  # m, local frame; replaces home while the autopilot has sent none
+        self._first_ned: Vec3 | None = None  # m, local frame; used as home until the autopilot sends its home
         self._tried_to_arm = False
         self._flew_armed = False  # whether the vehicle has been armed in the present Offboard
         self._disarmed_us: int | None = None  # µs, first heartbeat that reports the vehicle as disarmed
@@ -101,7 +101,7 @@ class Link(Conversation):
         if name != "OFFBOARD":
             self._offboard = False
         self._expect(name, *LEADS_TO.get(name, ()))
-        # on a lossy link our setpoints may arrive late, and an autopilot may refuse Offboard until they do
+        # on a lossy link our setpoints may arrive late, and an autopilot may refuse Offboard until they arrive
         insist_s = OFFERED_S if name == "OFFBOARD" else 0.0
         mode = MODES[name]
         self.order(f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, mode.main, mode.sub, insist_s=insist_s)
@@ -120,9 +120,9 @@ class Link(Conversation):
     def may_fly(self) -> bool:
         """Return whether the vehicle may be armed or in the air by our orders, so that we must land it.
 
-        A vehicle that a person armed and did not hand over does not count. Heartbeats lag by up to a second. So if we
-        ordered arming and no heartbeat shows an armed vehicle, this function orders disarming: the vehicle obeys on the
-        ground and refuses in the air. A vehicle that we fly and that is silent after a reboot may still be in the air.
+        A vehicle that a person armed counts only after the hand-over. Then it also counts while it is silent after a
+        reboot. Heartbeats lag by up to a second. So if we ordered arming and no heartbeat shows an armed vehicle, this
+        function orders disarming: the vehicle obeys on the ground and refuses in the air.
         """
         if not self._tried_to_arm or self.state.armed:
             may_be_armed = self.state.armed or not self.state.heartbeat_us
@@ -133,7 +133,7 @@ class Link(Conversation):
         """Wait until a person has armed, taken off and handed over by switching to Hold or Offboard.
 
         On the ground no setpoint is sent, so that the vehicle cannot be armed in Offboard. In the air the setpoint is
-        always the vehicle's present place. A switch that only passes through Hold is not a hand-over.
+        always the vehicle's present place. Passing through Hold to another mode is not a hand-over.
         Raises LinkError if arming, or the hand-over after it, takes more than FOREIGN_S.
         """
         self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
@@ -168,9 +168,9 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """From now on, other modes count as takeovers; the present mode does so only after one of `modes` was seen."""
+        """Count modes other than `modes` as takeovers; the present mode only after one of `modes` was seen."""
         if self._taken_by is None:
-            # telemetry may show the mode of an acknowledged order only after our next order
+            # telemetry is late: it may show the mode of the previous order only after this one
             unshown = () if self._obeyed_us else self._expected
             self._expected, self._leaving, self._obeyed_us = modes, (self.state.mode, *unshown), 0
 
@@ -195,7 +195,7 @@ class Link(Conversation):
             self._strayed_us, self._failed = 0, False
 
     def _reports_disarmed(self) -> bool:
-        """Return whether the last heartbeat reports our vehicle in Offboard as disarmed."""
+        """Return whether the vehicle, armed earlier in this Offboard, now reports `disarmed`."""
         self._flew_armed = self._offboard and (self._flew_armed or self.state.armed)
         self._armed_us = self.state.heartbeat_us if self.state.armed else self._armed_us
         if not self._flew_armed or self.state.armed:
@@ -210,7 +210,7 @@ class Link(Conversation):
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
-        """Return whether a failsafe has changed the mode. Before the next heartbeat, which shows it, return True."""
+        """Return whether a failsafe has changed the mode; True until the next heartbeat, which shows failsafes."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
         return self._failed or self.state.heartbeat_us <= self._strayed_us  # the heartbeat may be late on a bad link
@@ -231,11 +231,11 @@ class Link(Conversation):
         change = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
         texts = self.texts.since(self.time_us - CAUSE_US)
         words = f"; the autopilot said: {texts}" if texts else ""
-        # only the heartbeat, once a second, has the status; CURRENT_MODE with the overridden mode comes earlier
+        # the status comes once a second, with the heartbeat; CURRENT_MODE shows the overridden mode earlier
         critical = self.state.system_status >= dialect.MAV_STATE_CRITICAL
         failsafe = critical or self._overridden or "failsafe" in texts.lower()
         cause = "by its own failsafe" if failsafe else "by a person or program, which controls it now"
-        # a PX4 in software has the simulator's clock, so a restart does not set the clock back
+        # a simulated PX4 has the simulator's clock: its restart is a gap in telemetry, not a clock set back
         if self._taken_by == "disarmed" and self._gap_us > self._armed_us and not failsafe:
             cause = "by a restart of its autopilot, a person or a program: its telemetry was interrupted"
         return TakeoverError(f"the vehicle was {change} {cause}{words}")
@@ -295,7 +295,7 @@ class Link(Conversation):
     def stream_at(self, hz: float | None) -> None:
         """Send `hz` setpoints per second of vehicle time from now on; None: one at every tick.
 
-        Above 20 Hz, telemetry is requested and ticks follow at this rate too.
+        Above 20 Hz, telemetry and ticks get this rate too.
         """
         tick_us = min(TICK_US, round(1e6 / hz)) if hz else TICK_US
         self._rate = SetpointRate(hz if tick_us == TICK_US else None)
@@ -311,7 +311,7 @@ class Link(Conversation):
         self.tick()
         if self.dry:
             return
-        self._offboard, self._offboard_us = True, self.time_us  # before the order, which may act despite an error
+        self._offboard, self._offboard_us = True, self.time_us  # set before the order, which may act even if it raises
         if self.state.mode == "OFFBOARD":
             self._expect("OFFBOARD")
             return
@@ -328,7 +328,7 @@ class Link(Conversation):
         self._stream.stop()
 
     def stop_offboard(self) -> None:
-        """Order the autopilot to hold, and stop sending setpoints when it does."""
+        """Order the autopilot to hold. Send setpoints until it has left Offboard."""
         self.set_mode("HOLD")
         # the acknowledgement precedes telemetry, and our own hold must not look like a takeover
         self.wait_for(lambda state: state.mode != "OFFBOARD", 3.0, "leaving offboard")

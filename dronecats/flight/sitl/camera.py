@@ -1,6 +1,6 @@
 """The simulated camera, and the process that serves its frames over HTTP.
 
-It renders frames from the poses on the truth bus, and announces each frame on the bus for the logger.
+The camera renders frames from the poses on the truth bus, and announces each frame on the bus for the logger.
 """
 
 import contextlib
@@ -49,8 +49,8 @@ from hil.link.transport import bind_error
 from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
-# Samples per pixel, in each direction, of a picture rendered at the reduced size. Full size has 2, but at the default
-# camera's width of 1280 px its pixels are half as wide, so both have the same density of samples.
+# Samples per pixel, in each direction, of a picture rendered at the reduced size (640 px wide). The full size has 2.
+# Its pixels are half as wide with the default camera (1280 px), so both have the same density of samples.
 GRAIN = 4
 DEPTHS_KEPT = 32  # number of newest frames whose depth pictures are kept
 STALE_S = 0.5  # s; body rates are not computed from samples that are farther apart in time
@@ -117,9 +117,9 @@ class WorldCamera:
             self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), {}, 0.0, 0, full=False)
 
     def newest(self, drone: int = 0, *, full: bool = False, depth: bool = False) -> Frame:
-        """Return a frame of the newest truth; for a fleet, of the newest time with samples of all drones.
+        """Return a frame of the newest time with a truth sample of every drone (see `NewestTruth.together`).
 
-        Raises CameraError before the first pose of the drone, and if the camera cannot make a requested depth picture.
+        Raises CameraError if no pose of the drone has arrived, or if the camera cannot make a requested depth picture.
         """
         with self._lock:
             return self._taken(drone, self._truth.together(drone), full, depth or self._depth)
@@ -342,7 +342,7 @@ class FrameHandler(BaseHTTPRequestHandler):
 class FrameServer(ThreadingHTTPServer):
     """An HTTP server for a camera's frames, with CONNECTIONS connections at most.
 
-    At this limit, a new connection replaces the oldest one that has not sent a request. If all have sent one, the new
+    At this limit, a new connection replaces the oldest one that has not sent a request. If there is none, the new
     connection is closed.
     """
 
@@ -389,7 +389,7 @@ class FrameServer(ThreadingHTTPServer):
 def serve(camera: WorldCamera, port: int, *, or_next_free: bool = False) -> FrameServer:
     """Return a server of a camera's frames on a loopback port; port 0: the system chooses one.
 
-    `or_next_free`: if the port is in use, take the next free one. Raises UsageError if there is none.
+    `or_next_free`: if the port is in use, take the next free one. Raises UsageError if no port can be opened.
     """
     ports = range(port, min(port + NEXT_PORTS, 65536)) if or_next_free else [port]
     for candidate in ports:

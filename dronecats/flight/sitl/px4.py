@@ -1,12 +1,12 @@
 """Simulates vehicles that a real PX4 flies: exchanges sensors and motor outputs, and manages PX4 processes and ports.
 
 Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which sets PX4's clock, and the vehicle waits for the answer.
-A PX4 that has just connected does not answer yet. Until its first answer, and after PX4 stops answering, the vehicle
-does not wait: it sends sensors, and its rotors stand still.
+A PX4 that has just connected does not answer yet. Until PX4's first answer, and after PX4 stops answering, the vehicle
+sends sensors without waiting, and its rotors stand still.
 
-In lockstep, vehicle and PX4 are synchronised, and a flight is as fast as the machine allows. PX4's MAVLink threads are
-not synchronised: after each tick the agent waits a short wall time for telemetry. So the logs of a repeated flight
-differ.
+In lockstep, vehicle and PX4 are synchronised, and a flight is as fast as the machine allows. Only PX4's MAVLink threads
+are not synchronised. So the agent waits a short wall time for telemetry after each tick, and the logs of a repeated
+flight differ.
 """
 
 import os
@@ -117,7 +117,7 @@ class Px4Vehicle(HilVehicle):
         super().__init__(index, airframe, pose, period_us=EXCHANGE_US, **physics)
         self.server = server
         self.released = False  # set by another thread; ends all waits
-        self.in_step = False  # whether PX4 answers each sensor message; only then the vehicle waits for the answers
+        self.in_step = False  # whether PX4 answers each sensor message; the vehicle waits for answers only if True
         self.answers = 0
         self._to_px4 = Packer(self.index + 1, TRUTH_COMPONENT)
 
@@ -242,8 +242,8 @@ IDLE_S = 0.02  # wall seconds between two checks for a PX4 that has not connecte
 def free_servers(count: int) -> list[SimulatorServer]:
     """Return the TCP servers for the first `count` consecutive instances of PX4 whose ports are free.
 
-    The servers keep their ports, so that another flight chooses other instances. Raises UsageError if there are too
-    few instances.
+    The servers keep their ports, so that another flight chooses other instances. Raises UsageError if too few
+    are free.
     """
     for first in range(INSTANCES - count + 1):
         with ExitStack() as opened, suppress(UsageError):
@@ -395,7 +395,10 @@ class Px4Simulator(PacedSimulator[Px4Vehicle]):
         self._stack.close()
 
     def _look_after(self) -> None:
-        """Report changed connections. If a PX4 has ended, restart it or raise InfrastructureError."""
+        """Report changed connections, and restart PX4s that have ended.
+
+        Raises InfrastructureError if restarts are off, or if PX4 never answered after its start.
+        """
         for k, vehicle in enumerate(self.vehicles):
             if vehicle.in_step != self._in_step[k]:
                 self._in_step[k] = vehicle.in_step

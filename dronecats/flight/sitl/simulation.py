@@ -1,8 +1,8 @@
 """Simulates the fleet of an episode record on one clock, each vehicle with the project's autopilot.
 
 The plant (physics) and the inner loop (estimator and controller) of a vehicle run in one compiled loop (`fused.py`).
-The autopilot's commander (modes and commands) runs outside of this loop, at 100 Hz. The simulation publishes the true
-state of all vehicles, the truth, on a bus within this process.
+The autopilot's commander (modes and commands) runs outside of this loop, at 100 Hz. The simulation publishes the truth
+(the true state of all vehicles) on a bus within this process.
 """
 
 import math
@@ -41,7 +41,7 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # period of plant and inner loop
 TICK_US = 10_000  # period of commander and MAVLink
-FINER_US = (5_000, 2_000)  # steps within a tick for telemetry of up to 200 Hz, and of up to 500 Hz; faster: STEP_US
+FINER_US = (5_000, 2_000)  # steps within a tick, for telemetry up to 200 Hz and up to 500 Hz; above 500 Hz: STEP_US
 TRUTH_US = 20_000  # period at which the truth is published, 50 Hz
 
 
@@ -53,7 +53,7 @@ class Tap:
         self._queue = bytearray()
 
     def take(self) -> bytes:
-        """Return the bytes that were published since the last call, except those of this subscriber."""
+        """Return the bytes that were published since the last call, except this subscriber's own."""
         if not self._queue:
             return b""
         data = bytes(self._queue)
@@ -98,7 +98,7 @@ class BootPose:
 
 
 class Physics(TypedDict, total=False):
-    """Arguments of `Vehicle` for its plant. Absent ones have the defaults of `Multirotor`, and a payload of 0 kg."""
+    """Arguments of `Vehicle` for its plant. Defaults: as in `Multirotor`; `payload_kg`: 0."""
 
     seed: Required[int]  # seeds all random values of the vehicle
     origin: Required[Origin]
@@ -187,7 +187,7 @@ class VehiclePort:
         return data + self._port.take()
 
     def receive(self, data: bytes) -> None:
-        """Pass bytes of a client to the vehicle. `Autopilot.handle` gets each decoded message."""
+        """Pass bytes of a client to the vehicle. `autopilot.autopilot.handle` gets each decoded message."""
         self._port.receive(data)
 
     def note_malformed(self) -> None:
@@ -198,12 +198,12 @@ class VehiclePort:
         """Forward to an autopilot that has just booted. Unsent bytes of the former autopilot are kept."""
         self._last_words, signing = self.take(), self._port.signing
         self._port = autopilot.open_port(self._profile)
-        self._port.signing = signing  # PX4 keeps the key on its memory card
+        self._port.signing = signing  # a reboot keeps the key, which PX4 stores on its memory card
 
     def sign(self, key: bytes, timestamp: int, now_us: int) -> None:
         """Sign messages and check signatures with a key.
 
-        `timestamp` is the calendar time at the vehicle time `now_us` (µs), in units of 10 µs since 2015.
+        `now_us`: vehicle time (µs). `timestamp`: calendar time at `now_us`, in units of 10 µs since 2015.
         """
         self._port.signing.set_up(key, timestamp, now_us)
 
@@ -243,9 +243,9 @@ class SimulatedVehicle(Vehicle):
             self._reboot()
 
     def _stream_through(self, interval_us: int) -> None:
-        """Advance by one tick in steps no longer than a stream's interval.
+        """Advance by one tick in steps of at most `interval_us` (of the fastest stream).
 
-        After each step except the last, queue the telemetry that is due. `Autopilot.update` follows the last step.
+        After each step, queue the telemetry that is due; after the last step, `Autopilot.update` does this.
         """
         step_us = next((step for step in FINER_US if step <= interval_us), STEP_US)
         for _ in range(TICK_US // step_us - 1):
@@ -310,7 +310,7 @@ class Simulation(Generic[V]):
         *,
         from_boot: bool = False,
     ) -> None:
-        """`disturbances` of every vehicle begin with the episode, or at boot with `from_boot`; None: there are none."""
+        """`disturbances` act on every vehicle from the episode's start, or from boot with `from_boot`."""
         self.vehicles = tuple(vehicles)
         self._disturbances = disturbances
         self.bus = TruthBus()
@@ -333,7 +333,7 @@ class Simulation(Generic[V]):
                 vehicle.disturb(self._disturbances)
 
     def advance(self) -> None:
-        """Advance every vehicle by one tick, and publish hits and, at 50 Hz, the truth."""
+        """Advance every vehicle by one tick; publish its collisions, and the truth at 50 Hz."""
         if self.traffic:
             self.traffic.place(self._plants, self.time_us)
         self._encounters.part(TICK_US / 1e6)
@@ -356,7 +356,7 @@ def boot_poses(world: World) -> list[BootPose]:
 
 
 def build(make: Callable[..., V], world: World, config: SimulatorConfig) -> Simulation[V]:
-    """Return the simulation that a configuration describes, in `world`. `make` builds a drone as `Vehicle` does.
+    """Return the simulation that a configuration describes, in `world`. `make` has the arguments of `Vehicle`.
 
     Random values follow from the record's seed and from `config.seed`. All drones have the same faults and
     disturbances. A payload acts from boot. Raises UsageError for an unknown airframe, a payload that the airframe

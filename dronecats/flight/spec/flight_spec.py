@@ -4,7 +4,7 @@ Command line, files and studies create a FlightSpec. It checks all rules between
 contradictions.
 
 A worker on any machine can fly the spec, because the spec holds the contents of files, such as the latencies of a
-`trace:FILE`. It holds only the names of some files, which that machine must have: the script of
+`trace:FILE`. The worker's machine needs only these files, of which the spec holds the names: the script of
 `--pilot recorded:FILE`, a user's own map or agent, the program in `px4`, the key file of `Connected` and the files of
 `Accounts`.
 """
@@ -64,7 +64,7 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Authority:
-    """The agent's permissions on a vehicle, besides flying it. Simulated vehicles grant all."""
+    """The agent's permissions on a vehicle. A simulated vehicle grants all (the defaults)."""
 
     arm: bool = True  # False: a person arms, takes off and hands over
     then: Literal["land", "return", "hold"] = "land"  # action at the end of the flight, after the vehicle has stopped
@@ -88,7 +88,7 @@ class Accounts:
     """Limits of the cost of models, and the files on this machine that store costs and replies."""
 
     cost_limit_usd: float | None = None  # $, limit for the sum of all costs in the ledger; None: no limit
-    token_limit: int | None = None  # tokens of questions and replies, limit for their sum in the ledger; None: no limit
+    token_limit: int | None = None  # limit for all tokens of questions and replies in the ledger; None: no limit
     ledger: str | None = None  # file that stores costs, or ON_CLUSTER and a name; None: a file in the run folder
     cache: str | None = None  # file of stored replies; None: every question is sent
 
@@ -106,12 +106,12 @@ class ExternalHarness:
     harness: str  # gymnasium, inspect or inspect-robots
     name: str  # the harness's name for its model
     axis_order: Literal["xy", "yx"] = "xy"  # order of the coordinates of a point
-    lifted: str | None = None  # reasoning effort that the harness requests after a `think`; None: as always
+    lifted: str | None = None  # reasoning effort that the harness requests after the action `think`; None: no change
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSpec:
-    """The settings of a flight, or without an episode the settings of all flights of a run. Raises UsageError."""
+    """The settings of one flight, or of all flights of a run, which adds each episode's record. Raises UsageError."""
 
     episode: str | None = None  # id of a shipped episode
     record: dict[str, Any] | None = None  # or the content of the user's own record file
@@ -119,7 +119,7 @@ class FlightSpec:
     instruction: str | None = None  # for a flight without an episode
     simulated: Simulated | None = None  # either this or `connected` is set
     connected: Connected | None = None
-    drones: int | None = None  # number of simulated drones; None: one for each start of the record
+    drones: int | None = None  # number of simulated drones; None: one for each start pose of the record
     pilot: str | None = None  # a built-in pilot; exactly one of `pilot`, `model` and `outside` is set
     model: ModelSpec | None = None
     outside: ExternalHarness | None = None
@@ -129,18 +129,18 @@ class FlightSpec:
         "flat"  # flat: one question for all drones; hierarchical: a commander; solo: a question for each drone
     )
     commander: ModelSpec | None = None  # the commander's model; only with `command` hierarchical
-    # name of a built-in commander. If this and `commander` are None, the commander is `model`, or else SCRIPTED
+    # name of a built-in commander. If this and `commander` are None, the commander is `model`; without it, SCRIPTED
     scripted: str | None = None
     prompt: str | None = None  # a template; None: the shipped template
     agent: str = PAPER  # a shipped agent (`dronecats.flight.run.pilot`), or MODULE:NAME of the user's own
     latency: LatencyPolicy = DEFAULT_LATENCY  # how long replies take in vehicle time: docs/latency.md
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
     stop_unreadable: int | None = (
-        number(  # the flight ends after this number of replies in a row without an action for a drone; None: never
+        number(  # the flight ends after this number of successive replies for one drone without an action; None: never
             None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
         )
     )
-    patience_s: float | None = number(  # s, longest wait for a frame or reply; None: camera and model have own limits
+    patience_s: float | None = number(  # s, longest wait for a frame or reply; None: limits of camera and model
         None, "--patience", "time without a frame or a reply", low=1.0, high=CAP_S, unit="s"
     )
     disturbances: Disturbances = UNDISTURBED  # faults of pictures, link and vehicle
@@ -219,12 +219,12 @@ class FlightSpec:
 
     @property
     def models(self) -> tuple[ModelSpec, ...]:
-        """The models that the flight asks: the pilot's and the commander's own. A replay asks none."""
+        """The models that the flight asks, as pilot and as commander; a replay asks none."""
         return () if self.replay else tuple(model for model in (self.model, self.commander) if model)
 
     @property
     def repeats_exactly(self) -> bool:
-        """Whether a second flight writes the same bytes: lockstep without PX4, a model or a `measured` latency."""
+        """Whether a second flight writes the same bytes. True in lockstep without PX4, model and `measured` latency."""
         simulated = self.simulated
         is_lockstep = simulated is not None and simulated.speed is None and simulated.autopilot != "px4"
         return is_lockstep and not self.models and self.outside is None and self.latency.part(MEASURED) is None
@@ -238,7 +238,7 @@ class FlightSpec:
 
     @property
     def pilot_name(self) -> str:
-        """The built-in pilot's name, PROVIDER/NAME of a model or HARNESS:NAME; for a replay, the recorded name."""
+        """The built-in pilot's name, PROVIDER/NAME of a model or HARNESS:NAME; for a replay, `replay of NAME`."""
         name = self.pilot or (self.model.title if self.model else "")
         name = f"{self.outside.harness}:{self.outside.name}" if self.outside else name
         return f"replay of {name}" if self.replay else name
@@ -270,7 +270,7 @@ def latency_policy(text: str, recorded: Sequence[float] | None = None) -> Latenc
 def portable_policy_text(text: str) -> str:
     """Return the text of a policy without local paths: `trace:FILE` becomes `trace:NAME@DIGEST`.
 
-    NAME is the file's name without its folder, for people. DIGEST is from `trace_name`. Raises UsageError like
+    NAME (for people) is the file's name without its folder. DIGEST is from `trace_name`. Raises UsageError like
     `read_trace`.
     """
     return _with_file(text, lambda file: f"{Path(file).resolve().name}{AT}{trace_name(read_trace(Path(file)))}")
@@ -305,7 +305,7 @@ def _with_file(text: str, change: Callable[[str], str]) -> str:
 
 
 def read_trace(path: Path) -> tuple[float, ...]:
-    """Return the latencies (s) of a run or episode folder in the order of the steps, or of a CSV file.
+    """Return the latencies (s) of a CSV file, or of a run or episode folder in the order of the steps.
 
     Unfinished and retried flights of a run are left out. A CSV file must have the column `latency_s`, or only one
     column. Raises UsageError.
@@ -334,7 +334,7 @@ def _of_run(folder: Path) -> list[float]:
 
 
 def _of_steps(log: Path) -> Iterator[float]:
-    """Yield the latency of each step, once for all drones. Skips the confirmations of a commander."""
+    """Yield one latency for each step, not one for each drone; skip the confirmations of a commander."""
     counted: set[int] = set()
     for decision in rows(log, Decision):
         if decision.latency_s is not None and decision.confirmed_by is UNSET and decision.step not in counted:

@@ -1,8 +1,8 @@
 """Finds the thing of a named colour and kind in a picture, and estimates its distance.
 
-The candidates are patches of the colour. For the kinds in KINDS, a small network scores each patch with its
-surroundings, and corrects the distance that the size of the patch gives. For other kinds, the score is a product: the
-fit of the patch's size, the vividness of its colour, and its solidity (few holes).
+The candidates are patches of the colour. If kind and colour are in KINDS and COLORS, a small network scores each patch
+with its surroundings, and corrects the distance computed from its size. Otherwise the score is a product: the fit of
+the patch's size, the vividness of its colour, and its solidity (few holes).
 `python -m dronecats.pilots.fitting colors` fits the network (`patch_network.npz`).
 """
 
@@ -29,20 +29,20 @@ MARGIN_PX = 3.0  # the margin has at least this width
 BOX_FEATURES = 17  # numbers that describe the rectangle and its estimated distance
 LENGTH = SIDE * SIDE * CHANNELS + BOX_FEATURES + len(KINDS) + len(COLORS)
 _GRADIENT = 3.0  # factor that brings gradients to the magnitude of colours
-_PICTURE_EDGE = 0.005  # fraction of the picture's width; a rectangle closer to an edge touches that edge
-_FACTOR_LIMIT_LOG = 0.7  # the log of the factor on the distance is clipped to ± this
+_PICTURE_EDGE = 0.005  # fraction of the picture's width; a rectangle closer to an edge counts as touching it
+_FACTOR_LIMIT_LOG = 0.7  # limit (±) of the log of the network's factor on the distance
 
 _SMALLEST_PX = 20  # a patch has at least this many pixels (640 × 360 picture), like a vehicle at about 60 m
-_FARTHEST_M = 42.0  # farther patches are ignored, because specks of any colour have the right size there
+_FARTHEST_M = 42.0  # farther patches are ignored: at such a distance, any speck has the size of a target
 _MOST_PATCHES = 12
-_SAME_TINT = math.cos(math.radians(14.0))  # sun and shade turn a paint's tint by less than 14°; grass differs more
+_SAME_TINT = math.cos(math.radians(14.0))  # sun and shade change a paint's tint by under 14°; grass differs by more
 _LEAST_SCORE = 0.08  # a detection without the network needs at least this score
 _LIKELY_SCORE = 0.35  # a detection by the network needs at least this score
 _EXPECTED_SCORE = 0.12  # at the expected place, this score is enough
 _EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # tolerances: fraction of the picture's width, log of the depth
 _EXPECTED_PREFERENCE = 3.0  # factor on the rank of a detection at the expected place
 _AREA_POWER = 0.3  # exponent of a patch's number of pixels in the rank; larger patches are preferred
-_HORIZON_SLACK = 0.05  # fraction of the width; a patch whose foot is farther above the picture's middle is ignored
+_HORIZON_SLACK = 0.05  # fraction of the width; a patch whose bottom is farther than this above the middle is ignored
 
 _Box = tuple[int, int, int, int]  # left, top, right, bottom, px
 
@@ -70,7 +70,7 @@ def picture_layers(picture: Picture, mask: Mask) -> Floats:
 
 
 def network_input(layers: Floats, box: BoundingBox, estimate: Range, kind: str, color: str) -> Floats:
-    """Return the network's input (LENGTH,) for one rectangle of `layers`, as a candidate for a kind in a colour."""
+    """Return the network's input (LENGTH,) for one rectangle of `layers`, as a candidate for this kind and colour."""
     height, width = layers.shape[:2]
     aspect = height / width
     wide, high = box.right - box.left, box.bottom - box.top
@@ -109,7 +109,7 @@ class Detection:
     """A patch of a colour in a picture that may be the target."""
 
     box: BoundingBox
-    range: Range  # distance, assuming a thing with the size of the referent
+    range: Range  # estimate for a thing with the size of the referent (see `find`)
     score: float = 0.0  # 0 … 1
     lean: float = 0.0  # (upper edge of the right third − upper edge of the left third, y down) / picture width
     pixels: int = 0
@@ -149,7 +149,7 @@ def find(
 
 
 def _patches(picture: Picture, referent: Referent, mask: Mask) -> Iterator[tuple[Detection, Mask, _Box]]:
-    """Yield the patches of a referent's masked colour, without a score, each with its mask and its rectangle (px)."""
+    """Yield the patches of `mask` (the referent's colour) without a score, each with own mask and rectangle (px)."""
     height, width = picture.shape[:2]
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     tint = colors.tint(picture, labels, count) if colors.BANDS[referent.color or ""].vivid else None
@@ -186,7 +186,7 @@ def color_patches(picture: Picture, referent: Referent) -> tuple[list[Detection]
 def _detect_by_look(
     picture: Picture, referent: Referent, expected: ExpectedPlace | None, network: PatchNetwork
 ) -> Iterator[Detection]:
-    """Yield the network's detections of a referent whose kind is in KINDS."""
+    """Yield the network's detections of a referent with a kind in KINDS and a colour in COLORS."""
     patches, examples = color_patches(picture, referent)
     if not patches:
         return
@@ -227,7 +227,7 @@ def _detect_by_size(picture: Picture, referent: Referent) -> Iterator[Detection]
 def _grouped(stats: NDArray[np.int32], tint: NDArray[np.float64] | None) -> Iterator[NDArray[np.int64]]:
     """Yield the labels of the largest patches of colour, each joined with near patches of the same tint.
 
-    Glass, pillars and trim divide the paint of one vehicle into roof, doors and bonnet.
+    One vehicle has several patches, because glass, pillars and trim divide its paint.
     """
     left, top, wide, high, area = stats.T
     right, bottom = left + wide, top + high
@@ -273,7 +273,7 @@ def _solidity(region: Mask, size: Size) -> float:
     """Return a score 0 … 1; it is high for a few large pieces (paint), low for many holes (leaves and grass)."""
     filled = float(region.mean())
     edges = float((region[:, 1:] != region[:, :-1]).sum() + (region[1:] != region[:-1]).sum())
-    # edge length / edge length of a plain rectangle: about 2 with windows, much more for foliage
+    # the patch's edge length / that of a plain rectangle: about 2 with windows, much more for foliage
     rough = edges / (2.0 * sum(region.shape))
     least = 0.3 if size.height_m < 4.0 else 0.2
     return float(np.clip(filled / least, 0.0, 1.0) ** 1.5 * np.clip(4.0 / max(rough, 1e-3), 0.0, 1.0))
