@@ -45,14 +45,14 @@ SEEN_PX = (640, 360)  # size of the reduced frame
 SHADE = Sun((0.22, 0.62, -0.753))  # sun of the contact sheets, behind the camera
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # one per row, in turn
 INSCRIPTIONS = {"sign": "GATE 7"}
-DRONE, HOVER_M = "drone", 1.3  # name of the drone, which is no asset of records; the drone's height above the ground
+DRONE, HOVER_M = "drone", 1.3  # the drone's name (it is not an asset of records), and its height above the ground
 QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 
 # The reading probe
 PROBE_DISTANCES_M = (4, 6, 8, 10, 12, 14, 16)  # from the camera to the inscription's plane
-LEAST_EYE_M = 1.2  # least height of the camera above the ground: the least allowed start height of an episode
-SUN = Sun((-0.60, 0.35, -0.7194))  # sun of the probe, behind the camera, which looks north at the rear of the asset
+LEAST_EYE_M = 1.2  # least height of the camera above the ground, the same as at an episode's start
+SUN = Sun((-0.60, 0.35, -0.7194))  # sun of the probe, behind the camera; the camera looks north, at the asset's rear
 CROP_PX, CELL_PX, CELL_LABEL_PX = (160, 90), (320, 180), 22  # the probe's contact sheet: crop, enlarged crop, label
 LETTERS, DIGITS = "ABCDEFGHJKLMNPRSTUVWXYZ", "0123456789"  # letters without I, O and Q, as on most plates
 
@@ -73,9 +73,9 @@ def names() -> list[str]:
 def write_contact_sheet(chosen: Sequence[str], out: Path) -> None:
     """Write a JPEG with one row per asset and one column per distance.
 
-    If `chosen` is empty, the sheet shows all `names()`. The camera's 1280×720 frame is reduced to a width of 640 px,
-    and each tile is cut from it. The same names give the same bytes. Raises UsageError for an unknown name, or for a
-    file that cannot be written.
+    If `chosen` is empty, the sheet shows all `names()`. Each tile is cut from a 1280×720 frame that was reduced to a
+    width of 640 px. The same names give the same bytes. Raises UsageError for an unknown name, or for a file that
+    cannot be written.
     """
     catalogued = names()
     for name in chosen:
@@ -220,7 +220,7 @@ def invent(kind: str, rng: np.random.Generator, taken: set[str]) -> str:
 
 
 def view(kind: InscriptionKind, text: str, distance_m: float) -> Picture:
-    """Return the camera's (720, 1280, 3) RGB frame of an inscription straight ahead at a distance.
+    """Return the (720, 1280, 3) RGB frame of an inscription `distance_m` ahead of the camera.
 
     The camera is level, at the height of the inscription or at `LEAST_EYE_M`, whichever is higher.
     """
@@ -243,7 +243,7 @@ def face_of(mesh: Mesh, material: str) -> Face:
 
 
 def _cell(data: bytes, probe: Probe) -> Picture:
-    """Return the middle of one picture (BGR), enlarged without smoothing, below a label with distance and text."""
+    """Return a picture's part around the inscription (BGR, enlarged without smoothing), below distance and text."""
     seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert seen is not None  # `data` is a JPEG from `encode`
     focal = CENTRED.focal_px * seen.shape[1] / CENTRED.width

@@ -1,6 +1,6 @@
-"""Disturbances of a simulated flight: faults of pictures, link and vehicle, and light and season.
+"""Disturbances of a simulated flight: faults (pictures, link, vehicle) and conditions (light, season).
 
-Random disturbances are seeded. Times are vehicle time, except the length of stalls.
+Random disturbances are seeded. Times are vehicle time. Only the length of stalls is wall time.
 
 Each disturbance is declared once, on a dataclass field. The declaration defines the command-line option, the key in a
 bench.toml, the factor in a study, the bounds, the words in run.json and the row in docs/disturbances.md. The code that
@@ -27,7 +27,7 @@ T = TypeVar("T")
 FieldValues = dict[str, Any]  # values of a section of `Disturbances`, by field
 PERFECT = Impairment()
 LOSS_MAX = 0.95  # above this share of lost telemetry there are no decisions to score
-RECALL_S = 15.0  # s, upper limit of `FrameFaults.reach_s`; the logger keeps the truth for 20 s to measure old pictures
+RECALL_S = 15.0  # s, upper limit of `FrameFaults.reach_s`; below the 20 s for which the logger keeps truth samples
 LOCKSTEP = "in lockstep the simulator waits for the host"
 
 
@@ -50,7 +50,7 @@ class DisturbanceOption:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceLevel(DeclaredNumber):
-    """A number that a study can vary: a factor. Unless `put` or `get` is given, the number is the field's value."""
+    """A number that a study can vary: a factor. Without `put` and `get`, the number is the field's value."""
 
     put: Callable[[FieldValues, float], None] | None = None  # stores the number in the section's values
     get: Callable[[Any], float] | None = None  # returns the number from the section
@@ -92,10 +92,10 @@ def _disturbance(
     first: bool = False,
     **level_fields: Any,
 ) -> T:
-    """Return the dataclass field of a disturbance that is one number. The option and the factor have the name `name`.
+    """Return the dataclass field of a disturbance that is one number. `name` is the name of the factor.
 
-    `metavar`: metavar of the option; if it is empty, `option` is used, which may have another name or be None. `more`:
-    text for the docs. `words`, `first`: as in `Declaration`. `level_fields`: the other fields of `DisturbanceLevel`.
+    With `metavar`, the field gets an option `name`. Otherwise it gets `option` (None: no option). `more`: text for the
+    docs. `words`, `first`: as in `Declaration`. `level_fields`: the other fields of `DisturbanceLevel`.
     """
     level = DisturbanceLevel(name=name, help=help, **level_fields)
     if metavar:
@@ -246,7 +246,7 @@ class LinkFaults:
     from_vehicle: Impairment = PERFECT
 
     def __post_init__(self) -> None:
-        """Raise UsageError for a link that loses too much telemetry to fly."""
+        """Raise UsageError if no flight is possible because too much telemetry is lost."""
         if self.from_vehicle.loss > LOSS_MAX:
             raise UsageError(
                 f"an agent cannot fly without telemetry: the loss from the vehicle must be 0 to {LOSS_MAX:g}, got"
@@ -255,7 +255,7 @@ class LinkFaults:
 
     @property
     def words(self) -> Iterator[str]:
-        """The faults in words, once if both directions are the same."""
+        """The faults in words: one text if both directions are the same, else one per direction."""
         ways = {"to the vehicle": self.to_vehicle, "from the vehicle": self.from_vehicle}
         for way, wire in {"both ways": self.to_vehicle}.items() if len({*ways.values()}) == 1 else ways.items():
             if words := " and ".join(words_of(wire)):
@@ -271,7 +271,7 @@ def _set_wind_speed(values: FieldValues, speed: float) -> None:
 
 
 def _rotate_wind(values: FieldValues, towards_deg: float) -> None:
-    """Rotate a wind that blows towards the north to the direction `towards_deg` (°, clockwise from north)."""
+    """Turn a northward wind so that it blows towards `towards_deg` (°, clockwise from north)."""
     speed, turned = values["wind_ned"][0], math.radians(towards_deg)
     north, east = (round(speed * share(turned), 6) for share in (math.cos, math.sin))
     if math.hypot(north, east) > speed:  # rounding must not put the strongest wind beyond its bound
@@ -290,7 +290,7 @@ STALLS = "a share of seconds and how long each lasts, for example 0.1,0.5"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleFaults:
-    """Disturbances of the vehicle, with the project's autopilot or a PX4."""
+    """Disturbances of the vehicle. Its autopilot is the project's own or a PX4."""
 
     wind_ned: Vec3 = declared(  # noqa: RUF009  # m/s, steady velocity of the air
         (0.0, 0.0, 0.0),

@@ -1,8 +1,8 @@
 """Referring expressions, and the rules about instructions: an instruction must name the target and nothing else.
 
 A referring expression is a phrase such as "the bench left of the fountain". The geometry of the scene decides which
-things it denotes. Each relation has a clear test and a loose test. An expression refers to the target if only the
-target passes the clear test, and no other thing of its kind passes the loose test.
+things it denotes. Each relation has two tests: a *clear* (strict) test and a *loose* test. An expression refers to the
+target if the target passes both tests, and no other thing of its kind passes either.
 
 Expressions use the common names of things in NOUNS. `landmarks` returns the landmarks that an expression may use.
 """
@@ -46,7 +46,7 @@ NOUNS: dict[str, tuple[str, ...]] = {
     "quadrotor": ("quadrotor", "drone on the stand"),
 }
 
-COMPACT_M = 4.0  # largest half size of a landmark for all relations except `nearest`
+COMPACT_M = 4.0  # m, largest half size of a landmark; only `nearest` allows larger ones
 # m, largest distance from the landmark for `left of`, `right of`, `in front of` and `behind`: clear test, loose test
 BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0
 NEAREST_M = 25.0  # m, largest distance for `nearest`
@@ -152,7 +152,7 @@ def denotes(
 def refers(
     expression: Expression, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> bool:
-    """Return whether only the target passes the clear test and the loose test."""
+    """Return whether the target passes both tests, and nothing else passes either."""
     clear, loose = denotes(expression, places, landmarks, viewer)
     return clear == [target] and loose == [target]
 
@@ -160,7 +160,7 @@ def refers(
 def expressions(
     noun: str, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> list[Expression]:
-    """Return all expressions that denote only a target, in a fixed order."""
+    """Return all expressions that refer to the target, in a fixed order."""
     phrases = sorted(landmarks)
     candidates = [Expression(noun, rel, (phrase,)) for phrase in phrases for rel in RELATIONS if rel != "between"]
     candidates += [Expression(noun, "between", pair) for pair in itertools.combinations(phrases, 2)]
@@ -220,10 +220,10 @@ def footprint(instance: Instance) -> Footprint:
 def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: float | None) -> dict[str, Footprint]:
     """Return phrase → footprint of all landmarks that an instruction may use to distinguish things of a kind.
 
-    These are the map's own landmarks of other kinds. `viewer` is the position (m, NED) of the first drone at the start.
-    `yaw_deg` is this drone's yaw if it sees the target at the start, or else None. With a yaw, 'the kiosk' is a
-    landmark too if the drone's first picture shows only one kiosk. The same applies to most other kinds. The result is
-    empty for a map without its own landmarks.
+    These are the map's own landmarks, except those of this kind. `viewer`: position (m, NED) of the first drone at the
+    start. `yaw_deg`: this drone's yaw if it sees the target at the start, else None. With a yaw, the only object of
+    its kind in the drone's first picture is an additional landmark, such as 'the kiosk'. Kinds in UNNAMED and SLIGHT
+    are left out. The result is empty for a map without landmarks of its own.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:
@@ -292,7 +292,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
 
 
 def inscription_rules(record: EpisodeRecord) -> Iterator[RuleFinding]:
-    """Yield whether the instruction contains the target's inscription, and no inscription of a look-alike."""
+    """Yield whether the instruction has the target's inscription, and whether it lacks those of look-alikes."""
     text = record.target.inscription or ""
     named = bool(text) and contains(record.instruction, text)
     yield RuleFinding("the instruction's inscription", named, f"'{record.instruction}'", f"'{text}'")
@@ -316,9 +316,9 @@ def paint_rules(world: World) -> Iterator[RuleFinding]:
 
 
 def place_rule(world: World) -> RuleFinding:
-    """Return whether the instruction distinguishes the target by its place from all other things of its kind.
+    """Return whether the instruction's referring expression refers to the target.
 
-    An instruction without a referring expression passes if there is no other thing of this kind.
+    An instruction without an expression passes if the target is the only thing of its kind.
     """
     record = world.record
     kind = kind_of(record.target.asset)
