@@ -229,8 +229,8 @@ def place_in_goal(command: str) -> int | None:
 def scripted_orders(prompt: str, images: list[bytes]) -> str:
     """Return the orders of the scripted commander, which sends each drone to one of the look-alike candidates.
 
-    Every drone without a candidate gets a candidate. Every stalled drone gets the next free candidate. All waiting
-    reports of arrival are confirmed.
+    Every drone without a candidate gets a candidate. Every stalled drone gets the next candidate, if possible a free
+    one. All waiting reports of arrival are confirmed.
     """
     command = actions.read_prompt(prompt).command
     goals, waiting = read_roster(prompt)

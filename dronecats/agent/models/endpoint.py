@@ -365,7 +365,7 @@ class Endpoint:
         outcome = came.outcome.format(came.status)
         if 300 <= came.status < 400:
             return (
-                f"{outcome}, a redirect. Redirects are not followed, because the key would go there. Give"
+                f"{outcome}, a redirect. Redirects are not followed, because the key would go along. Give"
                 " the final address"
             )
         return f"{outcome}: {self.brief(came.body)}"

@@ -140,7 +140,7 @@ class FrameFaults:
     )  # fmt: skip
     stale: float = _disturbance(
         0.0, "frame_stale", "share of steps in which the pilot gets the image of the previous step again", high=1.0,
-        words="{percent:g} % of questions get the previous question's image", metavar="P",
+        words="{percent:g} % of steps get the previous step's image", metavar="P",
     )  # fmt: skip
     rate_hz: float | None = _disturbance(  # None: the camera takes a picture on request
         None, "frame_rate", "rate at which the camera makes images", low=0.1, high=100.0, unit="Hz",
@@ -329,7 +329,7 @@ class VehicleFaults:
     )  # fmt: skip
     gps_delay_s: float = _disturbance(
         0.0, "gps_delay",
-        "hidden delay of GPS fixes: a fix has a position that is this many seconds older than its time stamp",
+        "hidden delay of GPS fixes: each position is this many seconds older than its time stamp",
         high=1.4, unit="s",
         words="fixes are {value:g} s older than they say", metavar="S",
         more="The autopilot does not correct for the delay, so its estimate lags behind the motion.",
@@ -408,7 +408,7 @@ class FlightConditions:
         """Raise UsageError for a sun position that is out of bounds, or combined with dusk."""
         check_bounds(self)
         if self.sky == "dusk" and (self.sun_azimuth_deg is not None or self.sun_elevation_deg is not None):
-            raise UsageError("at dusk the sun has set, so it has no place. Leave --sun or --sky dusk out")
+            raise UsageError("at dusk the sun has set, so it cannot be placed. Leave --sun or --sky dusk out")
 
     @property
     def of_map(self) -> SceneConditions:

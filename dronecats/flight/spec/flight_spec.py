@@ -214,7 +214,7 @@ class FlightSpec:
             )
         if self.keep_ulog and not (simulated.autopilot == "px4" and simulated.px4):
             raise UsageError(
-                "--keep-ulog goes with --connect, or with --autopilot px4 and --px4 COMMAND. Add them, or leave it out"
+                "--keep-ulog needs --connect, or --autopilot px4 with --px4 COMMAND. Add them, or leave --keep-ulog out"
             )
 
     @property

@@ -183,7 +183,7 @@ RULES: Mapping[str, tuple[str, Rule]] = {
         ten_seconds,
     ),
     "proximity": ("the drone enters the radius at some time", oracle_success),
-    "no_cap": ("a declaration qualifies, also after the cap", without_cap),
+    "no_cap": ("a declaration qualifies, before or after the cap", without_cap),
 }
 
 

@@ -131,7 +131,7 @@ METRICS = (
     ),
     Metric(
         name="longest_loss_s", title="Longest loss", unit="s", level="episode", better="less",
-        definition="longest time without the target in view, also before the first sight of it",
+        definition="longest time without the target in view, including the time before it is first in view",
         paper="Metrics", of=verdict_value("diagnostics", "longest_loss_s"),
     ),
     Metric(

@@ -116,7 +116,7 @@ METRICS = (
     Metric(
         name="rescaled", title="Rescaled copy", unit="share", level="step", better="less",
         definition="the pilot copied an old point. For a go, if the last five actions have a go: the point equals, to"
-        " half a unit, the pixel coordinates of the newest of them. The prompt shows a point (x, y) in pixels, as"
+        " half a unit, the pixel coordinates of the newest go among them. The prompt shows a point (x, y) in pixels, as"
         " (1.28 x, 0.72 y)",
         paper=EXECUTION, of=rescaled,
     ),

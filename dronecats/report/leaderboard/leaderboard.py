@@ -78,9 +78,9 @@ HEADER = """# Leaderboard
 
 After this page you can read the ranking, verify an entry and submit your own.
 
-The figures are percentages of successful flights. *SR* is the success rate over all episodes of the entry, with its
-[95 % interval](report.md#uncertainty). *Flights* is the number of flights of each episode. *Scored* is the
-number of all flights with a score. Compare only entries of the same suite with the same settings, for example with the
+*SR* is the success rate in % over all episodes of the entry, with its [95 % interval](report.md#uncertainty). The
+columns of cells are also success rates in %. *Flights* is the number of flights of each episode. *Scored* is the number
+of scored flights of all episodes. Compare only entries of the same suite with the same settings, for example with the
 same `latency`. Tables with *or earlier* in the title have entries of an earlier
 [version of the benchmark](episodes-reference.md#versions).
 """

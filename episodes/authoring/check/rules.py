@@ -253,7 +253,7 @@ def check_cell(name: str, layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
     else:
         hiding = 360.0 - 2.0 * HALF_VIEW_DEG
         shares = [(layout.off_deg % 360.0 - HALF_VIEW_DEG) / hiding for layout in layouts]
-        rule = f"{name}: the unevenness of the yaws that hide the target"
+        rule = f"{name}: the unevenness of the bearings of hidden targets"
     yield at_most(rule, unevenness(shares), UNEVEN, "")
     ahead, most = passed(layouts)
     limits = passable(in_sight, len(layouts))

@@ -97,7 +97,7 @@ def test_an_even_suite_passes_all_rules() -> None:
         (lambda s: change(s, "residential approaching", column=0.7), "the unevenness of the targets' columns"),
         (
             lambda s: change(s, "campus searching", off_deg=-90.0),
-            "the unevenness of the yaws that hide the target",
+            "the unevenness of the bearings of hidden targets",
         ),
         (
             lambda s: change(s, "residential approaching", straight_deg=frozenset({0})),
