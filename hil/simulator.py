@@ -5,9 +5,9 @@ in m/s², rates in rad/s, magnetic fields in gauss, pressures in hPa, vectors in
 in mm, speeds in cm/s and course in 0.01°. Source: PX4 SimulatorMavlink.cpp.
 
 A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode uses one link for HIL and
-other MAVLink messages (`BoardLine`). There is no lockstep with a board, because it stamps messages with its own clock.
-A board decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. HIL_STATE_QUATERNION is never sent,
-because a board would use it as its estimate. Source: PX4 mavlink_receiver.cpp.
+other MAVLink messages (`BoardLine`). A board stamps messages with its own clock, so it cannot fly in lockstep.
+It decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. This module never sends
+HIL_STATE_QUATERNION, because a board would use it as its estimate. Source: PX4 mavlink_receiver.cpp.
 """
 
 import math
@@ -43,7 +43,7 @@ class SampleTimes:
 
 
 def sensor_message(sensors: Any, time_us: int, sent: SampleTimes) -> dialect.MAVLink_hil_sensor_message:
-    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), which marks all groups that are newer than `sent`.
+    """Return HIL_SENSOR at `time_us` (µs, vehicle clock). `fields_updated` marks the groups newer than `sent`.
 
     `sensors` is a record of `foundation.sensors.SENSORS`. Without new samples the message still advances PX4's clock.
     """
@@ -70,7 +70,7 @@ def sensor_message(sensors: Any, time_us: int, sent: SampleTimes) -> dialect.MAV
 
 
 def gps_message(sensors: Any) -> dialect.MAVLink_hil_gps_message:
-    """Return HIL_GPS of the newest fix, stamped with the time (µs, vehicle clock) at which it was valid."""
+    """Return HIL_GPS of the newest fix, with the time stamp (µs, vehicle clock) of the fix."""
     north, east, down = sensors["gps_velocity_ned"].tolist()
     speed = math.hypot(north, east)
     course = math.degrees(math.atan2(east, north)) % 360.0
@@ -105,8 +105,8 @@ def rotor_commands(controls: Sequence[float], rotors: int, idle: float) -> list[
     """Return fractions of full rotor speed (MAX_ROTORS of them) for PX4's motor outputs 0 … 1.
 
     Output 0 gives the idle speed and 1 the full speed, linear in between, as in PX4's own Gazebo bridge (SIM_GZ_EC_MIN,
-    SIM_GZ_EC_MAX). So thrust is not linear in the output, as with a real motor controller. PX4 does not correct for
-    that, since THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed. NaN gives the idle speed.
+    SIM_GZ_EC_MAX). As with a real motor controller, thrust is then not linear in the output. THR_MDL_FAC stays 0,
+    so PX4 does not correct this. `idle`: the idle speed as a fraction of the full speed. NaN gives the idle speed.
     """
     used = [idle + (1.0 - idle) * min(max(u, 0.0), 1.0) if u == u else idle for u in controls[:rotors]]
     return used + [0.0] * (MAX_ROTORS - len(used))
@@ -127,7 +127,7 @@ class SimulatorServer(TcpListener):
     def __init__(self, port: int, host: str = "127.0.0.1", instead: str = "choose another port") -> None:
         """Listen. Port 0: the system chooses a free port.
 
-        Raises UsageError for a port that is in use, with the advice `instead`.
+        Raises UsageError if the port is in use. `instead` is the advice in this error.
         """
         super().__init__(f"tcpin://{host}:{port}", host, port, instead)
         self._parser = Parser()
@@ -139,7 +139,7 @@ class SimulatorServer(TcpListener):
         return accepted
 
     def messages(self, timeout_s: float) -> list[dialect.MAVLink_message]:
-        """Wait up to `timeout_s` wall seconds for data and return its messages; none if PX4 is silent or has gone.
+        """Wait up to `timeout_s` wall seconds for data. Return the messages in it; none if PX4 is silent or gone.
 
         A new connection waits until the caller calls `accept`, so that the caller notices it.
         """
@@ -148,13 +148,13 @@ class SimulatorServer(TcpListener):
         return self._parser.feed(self._read())
 
 
-RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # rates of HIL_SENSOR; with less, PX4's rate controller is too slow
+RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # limits of HIL_SENSOR's rate; below 200 Hz, PX4's rate controller is too slow
 # parts of the device names of boards on USB, where the baud rate has no effect
 USB = ("ttyACM", "usbmodem", "/by-id/usb-")
 ADAPTER = "-port"  # part of the /by-id/ name of an adapter from USB to a serial line, where the baud rate counts
 SHARE = 0.5  # share of the link for HIL_SENSOR; other MAVLink traffic needs the rest
 HEARTBEAT_S = 1.0  # wall seconds between two heartbeats to the board
-FORGET_S = 3.0  # wall seconds; after so long without a heartbeat, the board counts as gone, as in MAVSDK
+FORGET_S = 3.0  # wall seconds without a heartbeat after which the board counts as gone, as in MAVSDK
 ACTUATORS, HEARTBEAT = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS, dialect.MAVLINK_MSG_ID_HEARTBEAT
 HELLO = dialect.MAVLink_heartbeat_message(
     dialect.MAV_TYPE_GENERIC, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
@@ -162,7 +162,7 @@ HELLO = dialect.MAVLink_heartbeat_message(
 
 
 def sensor_period_us(url: str) -> int:
-    """Return the period (µs, whole milliseconds) of HIL_SENSOR on a link: 4 ms, or more on a slow serial line.
+    """Return the period (µs) of HIL_SENSOR on a link: 4 ms, or 5 ms on a slow serial line.
 
     Raises UsageError for a serial line that is too slow.
     """

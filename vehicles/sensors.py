@@ -1,4 +1,4 @@
-"""Models of the sensors. Each samples the true state at its own rate, adds errors, and writes into a SENSORS record.
+"""Sensor models. Each model samples the true state at its own rate, adds errors, and writes into a SENSORS record.
 
 The record type SENSORS is in `foundation.sensors`. The default suite models a current small autopilot board. Every
 number can be set; zero switches an error off.
@@ -48,7 +48,7 @@ class Suite:
     accel_scale: float = 0.002  # relative error of the scale: remains after a field calibration
     accel_range: float = 156.9  # m/s²: ±16 g, as PX4 sets the ICM-42688-P and the BMI055; also the limit of HIL_SENSOR
     gyro_noise_density: float = 2.44e-4  # rad/s/√Hz: BMI088 data sheet, 0.014 °/s/√Hz
-    gyro_random_walk: float = 3.9e-5  # rad/s/√s: a MEMS gyroscope with 8 °/h/√s, as RotorS' ADIS16448
+    gyro_random_walk: float = 3.9e-5  # rad/s/√s, 8 °/h/√s: RotorS' value for the ADIS16448
     gyro_bias: float = 0.003  # rad/s at boot: remains after a calibration at another temperature
     gyro_scale: float = 0.001  # relative error of the scale
     gyro_range: float = 34.9  # rad/s: BMI088, ±2000 °/s
@@ -76,7 +76,7 @@ class Suite:
     # s, correlation time of the reflections. The autocorrelation of recorded positions has a bend at a lag of about one
     # minute (D. L. Wilson, GPS accuracy page). PX4's Gazebo model uses 60 s.
     gps_multipath_time_s: float = 60.0
-    gps_smoothing_s: float = 10.0  # s, time constant of the receiver's filter with carrier Doppler: estimate
+    gps_smoothing_s: float = 10.0  # s, estimated time constant of the receiver's filter, which uses carrier Doppler
     gps_noise: float = 0.02  # m, additional white noise
     gps_velocity_noise_h: float = 0.042  # m/s per axis: u-blox M8 data sheet, half of all fixes within 0.05 m/s
     gps_velocity_noise_v: float = 0.1  # m/s
@@ -86,7 +86,7 @@ class Suite:
     gps_satellites: int = 14
     range_period_us: int = 20_000
     range_max_m: float = RANGE_M[1]  # 0: not fitted
-    range_noise_m: float = 0.02  # m: same data sheet as RANGE_M, about 1 % below 6 m
+    range_noise_m: float = 0.02  # m, estimate; data sheet of RANGE_M: ±5 cm below 6 m, ±1 % above
 
     def __post_init__(self) -> None:
         for name in ("imu", "mag", "baro", "gps", "range"):
@@ -149,7 +149,7 @@ MEMORY = np.dtype(
         ("accel_sum", "f8", (3,)),  # m/s², sum over the steps since the last inertial sample
         ("gyro_sum", "f8", (3,)),  # rad/s, sum over the same steps
         ("imu_steps", "i8"),  # steps in these sums
-        ("accel_clipped", "i8"),  # steps beyond the accelerometer's range so far, summed over the three axes
+        ("accel_clipped", "i8"),  # number of clipped values so far, at most one per step and axis
         ("imu_next_us", "i8"),
         ("bias_next_us", "i8"),
         ("mag_next_us", "i8"),
@@ -204,7 +204,7 @@ def fresh_memory(suite: Suite, stream: int) -> np.void:
 
 
 def scale_slow_errors(memory: np.void, before: np.void, after: np.void) -> None:
-    """Scale slowly varying errors by the ratio of their 1σ in two SUITE records. An error whose 1σ was 0 is kept."""
+    """Multiply each slow error by (1σ in the SUITE record `after`) / (1σ in `before`); by 1 if 1σ in `before` is 0."""
     for kind, wanders in (("gps_error", ("gps_error",)), ("gps_multipath", ("gps_reflected", "gps_multipath"))):
         for i, axis in enumerate("hhv"):
             for each in wanders:
@@ -225,7 +225,7 @@ def _corrupt(faults: Record, row: int, value: Grid) -> None:
 
 @njit(cache=True)
 def _integrate(suite: Record, memory: Record, state: Record) -> None:
-    """Add one step to the sums for the next inertial sample, clipped to the sensors' ranges."""
+    """Add one step's values, clipped to the ranges, to the sums for the next inertial sample."""
     accel_range, gyro_range = suite.accel_range, suite.gyro_range
     memory.imu_steps += 1
     for i in range(3):
@@ -293,7 +293,7 @@ def _magnetic(suite: Record, memory: Record, faults: Record, state: Record, atti
 
 @njit(cache=True)
 def _gauss_markov(value: float, sigma: float, share: float, rng: RandomStream) -> float:
-    """Return the next value of a Gauss-Markov process with this 1σ, after `share` of its correlation time."""
+    """Return the next value of a Gauss-Markov process with 1σ `sigma`. `share`: time step / correlation time."""
     keep = math.exp(-share)
     return keep * value + math.sqrt(1.0 - keep * keep) * sigma * normal(rng)
 
@@ -380,7 +380,7 @@ def _satellite_delivery(suite: Record, memory: Record, now: int, sensors: Record
 
 @njit(cache=True)
 def _rangefinder(plant: Record, attitude: Quat, down: Grid, triangles: SolidTriangles) -> None:
-    """Measure along the body's down axis, to a solid or to a level plane at the ground's height below the vehicle."""
+    """Measure along the body's down axis, to the nearer of a solid and a level plane at the height of the ground."""
     suite, faults, state, solids, sensors = plant.suite, plant.faults, plant.state, plant.solids, plant.sensors
     fault, row = active(faults, RANGE, state.time_us)
     if fault == FAIL:

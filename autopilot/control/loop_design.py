@@ -1,8 +1,8 @@
 """Designs an airframe's gains from its constants by loop shaping; draws Bode plots and step responses of the loops.
 
-Each loop is a function L(s) of the complex frequency: controller, actuator lag, filters, transport delay and the closed
-loop inside it. The rate loops are as fast as their margins allow. Each outer loop is slower by a fixed ratio. Every
-loop of every design has at least 45° of phase margin and 6 dB of gain margin.
+Each loop is a function L(s) of the complex frequency. It combines controller, actuator lag, filters, transport delay
+and closed inner loop. The rate loops are as fast as their margins allow. Each outer loop is slower than its inner loop
+by at least a fixed ratio. Every loop of every design has at least 45° of phase margin and 6 dB of gain margin.
 """
 
 import math
@@ -89,8 +89,8 @@ def hover_thrust(airframe: Airframe) -> float:
 def yaw_lead(airframe: Airframe) -> float:
     """Return the time (s) by which the yaw torque leads the rotor speed.
 
-    The torque is a rotor's drag plus, while its speed changes, the torque that accelerates its inertia J. Near hover
-    the torque per rotor speed is 2 kq ω + J s, so the lead is J / (2 kq ω).
+    A rotor's yaw torque is its drag plus the torque that accelerates its inertia J. Near hover, the change of torque
+    per change of rotor speed ω is 2 kq ω + J s, so the lead is J / (2 kq ω).
     """
     speed = airframe.curve.speed_max * math.sqrt(hover_thrust(airframe))
     return airframe.curve.inertia / (2.0 * airframe.curve.torque_coefficient * speed)
@@ -121,24 +121,24 @@ def closed(loop: Response) -> Response:
 
 
 def attitude_loop(p: float, rate: Response) -> Response:
-    """Return L(s) of an attitude P around a rate loop."""
+    """Return L(s) of an attitude P controller around a rate loop."""
     inner = closed(rate)
     return lambda s: p / s * inner(s) * np.exp(-0.001 * s)
 
 
 def velocity_loop(p: float, i: float, d: float, inner: Response) -> Response:
-    """Return L(s) of a velocity PID around `inner`, the loop or lag that produces the acceleration."""
+    """Return L(s) of a velocity PID around `inner`, from acceleration setpoint to acceleration."""
     measured = lag(1 / (2 * math.pi * 10.0))  # the cascade's filter of the measured acceleration
     return lambda s: (p + i / s + d * s * measured(s)) / s * inner(s) * np.exp(-OUTER_DELAY_S * s)
 
 
 def position_loop(p: float, velocity: Response, inner: Response, expected: float) -> Response:
-    """Return L(s) of a position P. Inside it are the smoothing of the velocity setpoint, and the velocity loop.
+    """Return L(s) of a position P controller around the smoothing of the velocity setpoint and the velocity loop.
 
-    G = `inner` produces the acceleration. The acceleration setpoint is the sum of two parts. The feed-forward is s r,
-    the derivative of the smoothed velocity setpoint r. The feedback is the output of the controller C, whose input is
-    the expected velocity r / (T s + 1) minus the velocity. T is `expected` (s). With L = C G / s, the velocity is
-    (G + L / (T s + 1)) / (1 + L) r.
+    G, `inner` with its delay, turns the acceleration setpoint into the acceleration. This setpoint is a sum. The
+    feed-forward is s r, the derivative of the smoothed velocity setpoint r. The feedback is the output of the
+    controller C. Its input is the expected velocity r / (T s + 1) minus the velocity; T is `expected` (s). With
+    L = C G / s, the velocity is (G + L / (T s + 1)) / (1 + L) r.
     """
     smoothing, late = lag(1.0 / RESPONSE), lag(expected)
     return lambda s: (
@@ -205,7 +205,7 @@ def loops(airframe: Airframe, gains: Gains) -> dict[str, Response]:
 def design(airframe: Airframe) -> Gains:
     """Return the gains of an airframe, with the margins of its loops.
 
-    Raises UsageError if the airframe cannot be controlled, or a loop has less than 45° or 6 dB of margin.
+    Raises UsageError if the airframe cannot be controlled, or a loop has a margin below 45° or 6 dB.
     """
     share = allocation(airframe)
     hover = hover_thrust(airframe)
@@ -214,7 +214,7 @@ def design(airframe: Airframe) -> Gains:
             f"airframe {airframe.name!r} hovers at {hover:.0%} of its full thrust. It needs between 5 % and 80 %;"
             " check its mass and rotors"
         )
-    # filter cutoffs are a decade above the fastest crossover that the rotors allow, within PX4's usual range
+    # filter cutoffs are 10 and 6 times the fastest crossover that the rotors allow, within PX4's usual range
     cutoff_hz = min(max(1.6 / rotor_lag(airframe), 60.0), 120.0)
     derivative_hz = min(max(1.0 / rotor_lag(airframe), 30.0), 80.0)
     level = shape_rate(airframe, cutoff_hz, derivative_hz, yaw=False)
@@ -273,7 +273,7 @@ def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
 
 Array = NDArray[np.float64]
 
-SAMPLES = 1 << 16  # samples of a step response, at most 4 ms apart for the slowest loop
+SAMPLES = 1 << 16  # samples of a square wave; for the slowest loop, at most 4 ms apart
 GROUPS = (
     ("rate", ("roll rate", "yaw rate")),
     ("attitude", ("roll attitude", "yaw attitude")),
@@ -283,10 +283,10 @@ GROUPS = (
 
 
 def step_response(loop: Response, crossover: float) -> tuple[Array, Array]:
-    """Return (time in s, output) of the closed loop to a unit step.
+    """Return (time in s, output) of the closed loop after a unit step.
 
-    It is computed from the frequency response, which contains the transport delays exactly. The input is a square wave
-    with a half period of 60 / crossover. The output is a Fourier series of odd harmonics, damped against Gibbs' ripple.
+    The output comes from the frequency response, so transport delays are exact. The input is a square wave with a half
+    period of 60 / crossover. The output is a Fourier series of odd harmonics, damped against Gibbs' ripple.
     """
     half = 60.0 / crossover
     harmonic = np.arange(1, SAMPLES // 8, 2)

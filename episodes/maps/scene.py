@@ -22,7 +22,7 @@ from foundation.threads import once
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
-# id → new pose of an instance: (position_ned m, yaw rad or attitude FRD → NED); None: not drawn
+# instance's id → its new pose: (position_ned m, yaw rad or attitude FRD → NED); None: not drawn
 Moved = Mapping[int, tuple[Vec3, float | Quat] | None]
 
 
@@ -37,12 +37,12 @@ class Material:
     specular: float = 0.0  # 0 matt … 1 glass and car paint
     drift: float = 0.0  # relative variation of the tone of natural ground from place to place
     cutout: NDArray[np.bool_] | None = None  # (H, W) mask of the texture's opaque texels; None = all
-    foliage: bool = False  # leaves: both sides are lit alike, by the corner normals; vehicles pass through them
+    foliage: bool = False  # leaves: both sides get the same light, by the corner normals; vehicles pass through leaves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangles of one asset, counter-clockwise seen from outside in a right-handed frame."""
+    """Triangles of one asset. Seen from outside, their corners run counter-clockwise."""
 
     vertices: NDArray[np.float32]  # (V, 3) m, FRD
     normals: NDArray[np.float32]  # (V, 3) unit, FRD
@@ -132,12 +132,12 @@ class Scene:
     base: "Scene | None" = None  # the map to which this scene adds instances; None: this scene is a map
 
 
-LARGE = 20_000  # triangles; for smaller scenes, computing a value is faster than reading it from disk
+LARGE = 20_000  # triangles; with fewer, computing a value is faster than reading it from disk
 T = TypeVar("T")
 
 
 def kept_of_scene(name: str, sources: tuple[str, ...], scene: Scene, make: Callable[[], T]) -> T:
-    """Return `make()`, a value computed from the scene. For a large scene, cache it on disk.
+    """Return the value that `make` computes from the scene. For a large scene, cache it on disk.
 
     The arguments are as in `foundation.kept_values.kept`.
     """
@@ -146,7 +146,7 @@ def kept_of_scene(name: str, sources: tuple[str, ...], scene: Scene, make: Calla
     return kept(name, sources, make, _content(scene))
 
 
-@once(3)  # it takes 0.1 s
+@once(3)  # a digest takes 0.1 s
 def _content(scene: Scene) -> str:
     """Return a digest of all values of a scene."""
     return hashlib.sha256(pickle.dumps(scene, pickle.HIGHEST_PROTOCOL)).hexdigest()
@@ -180,7 +180,7 @@ class Lane:
 
     name: str
     waypoints_ned: tuple[Vec3, ...]  # m, on the ground; legs are so short that they follow the ground
-    width_m: float  # of the strip without solids, centred on the waypoints
+    width_m: float  # of the strip without solids; the waypoints are its middle
 
     @property
     def length_m(self) -> float:
@@ -190,7 +190,7 @@ class Lane:
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """An instance by which instructions distinguish other objects."""
+    """An instance that instructions name to tell other objects apart."""
 
     name: str  # of the instance
     phrase: str  # its name in instructions, with article if it needs one; fits no other instance of the map

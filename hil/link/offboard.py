@@ -1,6 +1,6 @@
 """Converts the agent's setpoints to the stream of offboard setpoints for PX4.
 
-With vz = 0 in the body frame, a real PX4 drifts at 0.1–0.3 m/s. So this module closes the loops for height and place.
+If a setpoint has vz = 0 in the body frame, a real PX4 drifts at 0.1–0.3 m/s. So this module corrects height and place.
 """
 
 import math
@@ -16,16 +16,16 @@ LINE_GAIN = 1.5  # 1/s, speed of a move towards its line, per metre of distance 
 CORRECTION_MAX = 0.6  # m/s, largest correction per axis
 HEADING_GAIN = 1.5  # 1/s, yaw rate per radian from the held heading, in a move
 HEADING_RATE_MAX = 0.5  # rad/s, limit of this yaw rate
-STOPPING_S = 0.6  # s; a moving vehicle needs room to stop: the held place is ahead by its velocity times this time
+STOPPING_S = 0.6  # s; the held place is ahead of a moving vehicle by velocity × this time, its room to stop
 BACK_MAX = 0.5  # sine of the largest angle by which a move turns towards its line
 HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
 ROUNDING = 1e-6  # rad, tolerance for rounding errors of an angle that is summed over ticks
-YAW_RATE_STILL = math.radians(5.0)  # rad/s; a turn is not over above this rate
+YAW_RATE_STILL = math.radians(5.0)  # rad/s; above this yaw rate, the heading has not settled
 GRACE_US = 150_000  # µs, three ticks; a setpoint lasts this much longer, because the next one may come a little late
-GAP_US = 200_000  # µs; if more time passes between two updates of a turn, only this much of it counts
+GAP_US = 200_000  # µs; the most time that counts between two updates of a turn
 STAMP_US = 1_000  # µs, resolution of the vehicle's time stamps
-LATE_MAX_US = 250_000  # µs; if a move ended late by more than this, the held place is not moved back
+LATE_MAX_US = 250_000  # µs; if a move ends late by more than this, the delay does not change the held place
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class OffboardStream:
     ) -> None:
         """Fly a setpoint from `starts_us` (None: the next tick) until `ends_us` (None: no end), in µs, vehicle clock.
 
-        The setpoint's angles count from the pose `seen`; None: from the held heading. A repeated hold keeps its
+        The setpoint's angles count from the pose `seen`, or without it from the held heading. A repeated hold keeps its
         place. Level moves keep the held height. The held heading changes only by turns and by moves with a bearing.
         """
         if isinstance(self.setpoint, Velocity):
@@ -150,7 +150,7 @@ class OffboardStream:
                 self._heading = seen.heading if seen else self._heading
                 self._line = Line(seen.position_ned, seen.heading + (angle or 0.0)) if seen and onto_line else None
                 self._place = self._line.nearest(self._place) if self._line and self._place else self._place
-                # a rate lasts at least one tick, so a turn that takes less is commanded as a heading
+                # a yaw rate lasts at least one tick, so a shorter turn is commanded as a heading
                 is_short = angle is not None and abs(angle) <= abs(yaw_rate) * TICK_US / 1e6 + ROUNDING
                 turned = abs(angle) if angle is not None and is_short else 0.0
                 self._turning = TurnProgress(self._heading or 0.0, yaw_rate, angle, ends_us, starts_us, turned)
@@ -161,7 +161,7 @@ class OffboardStream:
                     self._line = Line(seen.position_ned, self._heading)
 
     def _end_turn(self, time_us: int | None) -> None:
-        """End the turn, and hold the heading that it commands at `time_us` (µs); None: the heading at its end time."""
+        """End the turn, and hold its commanded heading at `time_us` (µs), or at its end time if `time_us` is None."""
         if self._turning is not None and self._heading is not None:
             until_us = time_us if time_us is not None else self._turning.ends_us
             turning = self._turning if until_us is None else self._turning.until(until_us)
@@ -179,7 +179,7 @@ class OffboardStream:
         self._place, self._height, self._heading, self._turning, self._line = None, None, None, None, None
 
     def steady(self, position: Vec3, yaw: float, yaw_rate: float) -> bool:
-        """Return whether a turn is over, and the heading (rad, rad/s) and the position (m) have settled at its end."""
+        """Return whether a turn is over, and heading (rad, rad/s) and position (m) have settled."""
         heading = self._heading
         if self._turning is not None:
             if not self._turning.over:
@@ -220,7 +220,7 @@ class OffboardStream:
                 return VelocitySetpoint((forward * math.cos(off), forward * math.sin(off), down), rate)
 
     def _held(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> tuple[Vec3, float]:
-        """Return the held place and heading. If one is not held yet, it is set from the present state."""
+        """Return the held place and heading. A value that is not held yet is set from the present state."""
         stopping_s = self._stopping_s(time_us)
         if self._height is None:
             self._height = position[2] + velocity[2] * stopping_s
@@ -237,8 +237,8 @@ class OffboardStream:
     def _stopping_s(self, time_us: int) -> float:
         """Return how far ahead of the vehicle a hold is placed, in seconds of its velocity.
 
-        A move may end late by up to one tick of telemetry; on some links, every move does. The held place is moved back
-        by the way flown in this delay. Otherwise all these moves would be too long.
+        A move may end late, by up to one tick of telemetry. On some links, every move ends late. The hold is then
+        nearer by the way flown in this delay. Otherwise the moves would be too long.
         """
         late_us = 0 if self._moved_until_us is None else time_us - self._moved_until_us
         return STOPPING_S - (late_us / 1e6 if 0 < late_us <= LATE_MAX_US else 0.0)
@@ -262,12 +262,12 @@ class SetpointRate:
         self._due_us = 0
 
     def due(self, time_us: int) -> bool:
-        """Return whether a setpoint is due. If so, it counts as sent."""
+        """Return whether a setpoint is due. A due setpoint counts as sent."""
         early_us = self._due_us - time_us
         if STAMP_US < early_us <= self._period_us:
             return False
-        # The next due time counts from the last one; otherwise the rate would fall to a divisor of the tick rate. After
-        # a pause (the setpoint is late by more than a period and the rounding of the stamps), it counts from now.
+        # The next due time is a period after the last; otherwise the rate would fall to a divisor of the tick rate.
+        # After a pause (the setpoint is late by more than a period plus STAMP_US), it is a period from now.
         in_step = -self._period_us - STAMP_US < early_us <= STAMP_US
         self._due_us = (self._due_us if in_step else time_us) + self._period_us
         return True

@@ -1,7 +1,7 @@
 """Fits the network of `color_detector`, and makes the outlines (outer points of targets) that `ranging` uses.
 
-The pictures show neighbourhoods that are in no episode record. Houses, plants and most parked cars come from seeds
-that no record uses. Streets and plots are the same for all seeds of the map. Each picture has its own target position,
+The pictures show neighbourhoods: the residential map with seeds that no episode record uses. The seed sets houses,
+plants and most parked cars. Streets and plots are the same for all seeds. Each picture has its own target position,
 paint and direction of view.
 """
 
@@ -49,7 +49,7 @@ USUAL_PLACES = ("kerb", "drive")
 HEIGHTS_M = (1.1, 2.9)  # m, range of the drone's height above the ground
 DISTANCES_M = (3.0, 32.0)  # m, range of the distance from the body to the target's centre
 ASIDE_RAD = math.radians(40.0)  # largest angle between the drone's nose and the target
-ABSENT = 0.25  # share of the pictures that do not show the target
+ABSENT = 0.25  # share of the pictures that face away from the target
 TILT_RAD = 0.02  # standard deviation of pitch and roll; the drone is not quite level after braking
 ROOM_M = 0.9  # m, least depth in a picture; a picture with a nearer obstacle is dropped
 LEAST_PX = 40  # least number of pixels of a visible target
@@ -84,7 +84,7 @@ def build(seed: int) -> Scene:
 
 
 def photograph(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[tuple[NDArray[np.uint8], Target]]:
-    """Yield RGB pictures (360, 640, 3) from random poses, each with its target, which a share ABSENT does not show."""
+    """Yield RGB pictures (360, 640, 3) from random poses with their targets; a share ABSENT faces away from these."""
     rng = np.random.default_rng((seed, 12))
     spots = residential_places.places(seed).spots
     targets = [i for i in scene.instances if i.kind == "target"]
@@ -143,8 +143,8 @@ HIDDEN = 48  # units of the hidden layer
 DECAY = 4e-4  # weight decay
 CELL_DROPOUT = 0.15  # share of a patch's cells that are set to zero in each example
 BRIGHTNESS_LOG_STD = 0.2  # standard deviation of the log of the brightness factor
-DISTANCE_WEIGHT = 2.0  # 0.1 × this is the weight of the distance error relative to the cross-entropy
-DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of the log factor
+DISTANCE_WEIGHT = 2.0  # the distance error has 0.1 × this weight relative to the cross-entropy
+DISTANCE_SCALE = 0.15  # scale of the distance output: standard deviation of its labels
 _CELLS = SIDE * SIDE
 _PATCH = _CELLS * CHANNELS
 
@@ -156,7 +156,7 @@ ASIDE_PX = 4  # px; the middle of a correct detection is at most this far left o
 OUTLINE_PAINT = "red"  # the shape is the same for every paint
 LEVELS = 6  # height bands of an outline
 DIRECTIONS = 8  # horizontal directions; in each direction, an outline has the outermost points of each band
-STEEP = 6.0  # slope of further directions, up and down; an outline also has the outermost point in each of them
+STEEP = 6.0  # slope of steep directions, up and down; an outline also has its outermost point in each of these
 
 TargetJpeg = tuple[bytes, Target]
 
@@ -174,9 +174,9 @@ draw = partial(training.draw, build, photograph)
 
 
 def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> Examples:
-    """Return the patches of a picture for several instructions: one for its target, others for absent ones.
+    """Return the patches of a picture for the instruction of its target, and for instructions of absent targets.
 
-    Labels (N, 2): 1 for the target, else 0; log(true distance / distance estimated by size) for the target, else 0.
+    Labels (N, 2) of the target: 1, log(true distance / distance estimated by size). Labels of other patches: 0, 0.
     """
     wanted = [(target.asset, target.paint)]
     while len(wanted) <= ABSENT_TARGETS:
@@ -226,7 +226,7 @@ def fit(examples: Examples, rounds: int, seed: int) -> PatchNetwork:
     steps = rounds * (len(examples.labels) // BATCH)
     examples_seen = _batches(examples, rounds, mean, deviation, rng)
     hidden, hidden_bias, out, out_bias = training.fit(examples_seen, mean, deviation, (HIDDEN, 2), steps, DECAY, rng)
-    scale = np.array((1.0, DISTANCE_SCALE), np.float32)  # the network outputs the log factor
+    scale = np.array((1.0, DISTANCE_SCALE), np.float32)  # `cost_gradient` divides the distance labels by this
     return PatchNetwork(hidden, hidden_bias, out * scale, out_bias * scale)
 
 
@@ -267,7 +267,7 @@ def cost_gradient(labels: NDArray[np.floating]) -> OutputGradient:
     def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
         error = np.empty_like(outputs)
         error[:, 0] = 1.0 / (1.0 + np.exp(-np.clip(outputs[:, 0], -30.0, 30.0))) - is_target
-        # clip the error at 3 DISTANCE_SCALE: the distance of a partly hidden object is always far off
+        # clip the error at 3 DISTANCE_SCALE, because estimates for partly hidden objects are always far off
         error[:, 1] = is_target * 0.1 * DISTANCE_WEIGHT * np.clip(outputs[:, 1] - factor / DISTANCE_SCALE, -3.0, 3.0)
         error /= len(is_target)
         return error

@@ -1,8 +1,8 @@
 """Computes the open share of the sky at a point: the share that nearby things do not hide.
 
-A coarse horizontal grid has one column per cell, from the lowest to the highest surface of the map's static things
-above the cell. The open share of the sky is computed from the columns once, at LAYERS heights above the ground. Movable
-instances, and those that a scene adds to its map, darken the cells around their footprints for one picture.
+Each cell of a coarse horizontal grid has a column, from the lowest to the highest surface of the map's static things in
+that cell. The open share of the sky is computed from the columns once, at LAYERS heights above the ground. Movable
+instances, and instances that a scene adds to its map, darken the cells around their footprints for one picture.
 """
 
 import math
@@ -23,7 +23,7 @@ CELLS = 512  # cells per side of the grid
 LEAST_CELL_M = 0.4
 MARGIN_CELLS = 4
 LAYERS = 4
-LAYER_1_M, LAYER_2_M, LAYER_3_M = 1.5, 4.0, 9.0  # m above the ground; the first layer is at the ground
+LAYER_1_M, LAYER_2_M, LAYER_3_M = 1.5, 4.0, 9.0  # m above the ground; layer 0 is at the ground
 LAYER_HEIGHTS = np.array((0.05, LAYER_1_M, LAYER_2_M, LAYER_3_M))
 EMPTY = 1e30  # lower end of the column of an empty cell; the upper end is -EMPTY
 
@@ -34,12 +34,12 @@ DARKEST = 0.16  # lower limit of the open share, because walls reflect light
 
 SUB_CELLS = 6  # a footprint is drawn on a finer grid, with this many cells per cell and direction
 REACH_M = 0.45  # standard deviation of the blur of a footprint
-CLEARANCE_M = 0.5  # a shadow has lost two thirds of its darkness if the thing is this high above the ground
+CLEARANCE_M = 0.5  # for a thing this high above the ground, the shadow has about a third of its full darkness
 FOOT_M = 0.9  # the footprint contains a thing's points up to this height above the thing's lowest point
 FOOT_SHARE = 0.30  # factor on the open share below a thing that stands on the ground
-ON_TOP_M = 0.6  # a point up to this far below a column's upper end counts as on top: roofs slope within a cell
-FACES_UP = 0.35  # a point counts as on top only if its normal has at least this upward component
-ROOF_M = 1.0  # a point counts as on top only if at least this high above the ground
+ON_TOP_M = 0.6  # a point on top is at most this far below its column's upper end; roofs slope within a cell
+FACES_UP = 0.35  # the normal at a point on top has at least this upward component
+ROOF_M = 1.0  # a point on top is at least this high above the ground
 
 
 class Columns(NamedTuple):
@@ -65,7 +65,7 @@ class Occlusion(NamedTuple):
 
 
 def columns_of(layout: SceneArrays, stop: int, ground_ids: frozenset[int], means: NDArray[np.float32]) -> Columns:
-    """Return the columns of triangles 0 … stop - 1 without the ground. `means` (M, 3): mean colours of materials."""
+    """Return the columns of triangles 0 … stop - 1, except the ground. `means` (M, 3): mean colours of materials."""
     triangles = layout.triangles
     stands = ~np.isin(triangles.instance[:stop], sorted(ground_ids))
     corners = triangles.position[:stop][stands][..., :2].reshape(-1, 2)
@@ -92,7 +92,7 @@ def _fill(
     means: NDArray[np.float32],
     stands: NDArray[np.bool_],
 ) -> None:
-    """Extend the columns to sampled points (less than a cell apart) of the triangles that `stands` marks."""
+    """Extend the columns to points, less than a cell apart, on the triangles that `stands` marks."""
     cells, per = columns.low.shape[0], columns.per_cell
     for t in range(len(stands)):
         if not stands[t]:
@@ -122,7 +122,7 @@ def _fill(
 
 
 def occlusion_of(columns: Columns, terrain: HeightField) -> Occlusion:
-    """Return the open share of the sky between the columns, above the ground of `terrain`."""
+    """Return the open share of the sky on each cell, above the ground of `terrain`."""
     cells, cell = columns.low.shape[0], 1.0 / columns.per_cell
     rows, across = terrain.down.shape
     north = np.rint((columns.low_north + cell * np.arange(cells) - terrain.origin_north) / terrain.cell_m)
@@ -216,7 +216,7 @@ def _blocked(low: float, high: float, away: float) -> int:
 
 @njit(cache=True, nogil=True, inline="always")
 def open_sky(shade: Occlusion, n: float, e: float, d: float, facing_down: float) -> tuple[float, float]:
-    """Return the open share (0 … 1) of the sky at a point, NED, m, and the point's height (m) above the ground.
+    """Return the open share (0 … 1) of the sky at a point (NED, m), and the point's height (m) above the ground.
 
     `facing_down` is the downward component of the surface's normal. On a roof, layers below the roof do not count.
     Outside the grid, the share is 1 and the height is EMPTY.
@@ -269,9 +269,9 @@ def footprint(corners: NDArray[np.float32]) -> ShadowFootprint:
 
 
 class ContactShadows:
-    """Darkens the cells around movable instances, and around those that a scene adds to its map.
+    """Darkens the cells around movable instances, and around instances that a scene adds to its map.
 
-    Scenes of one map share the grid and take turns.
+    Scenes of one map share the grid. One at a time draws into it.
     """
 
     def __init__(self, shade: Occlusion, turn: threading.Lock, added: Sequence[ShadowFootprint] = ()) -> None:
@@ -280,7 +280,7 @@ class ContactShadows:
 
     @contextmanager
     def cast(self, things: Sequence[ShadowFootprint]) -> Iterator[Occlusion]:
-        """Yield the grid with these footprints (NED) drawn in; they are removed after the block."""
+        """Yield the grid, darkened around the added and these footprints (NED); restore it after the block."""
         lanes = self._shade.open.view(np.uint16).reshape(*self._shade.open.shape, LAYERS)
         with self._turn:
             covered = []
