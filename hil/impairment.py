@@ -1,9 +1,9 @@
 """Seeded faults of a link: loss, delay, reordering and damage of MAVLink frames.
 
-`Channel` is a pure model of one direction: the same seed and the same times give the same result. Four random numbers
-are drawn for every frame that enters, independently of the faults. So frame n always has the same random numbers. If
-the loss is raised, the same frames are lost, and some more. Damaged bytes are drawn from a second stream of random
-numbers, only for frames that are not dropped.
+`Channel` is a pure model of one direction: the same seed and the same times give the same result. It draws four random
+numbers for every frame that enters, also without faults. So frame n always has the same random numbers. A higher loss
+drops the same frames, and some more. A second stream of random numbers, drawn only for frames that are not dropped,
+gives the damaged bytes.
 """
 
 import heapq
@@ -19,7 +19,7 @@ from foundation.errors import LinkError, UsageError
 from foundation.wire import Frames
 from hil.link.transport import BITS_PER_BYTE, MemoryTransport, Transport
 
-LATE_S = 0.1  # s by which a reordered frame is late: two ticks of the agent, so that later frames overtake it
+LATE_S = 0.1  # s, delay of a reordered frame: two ticks of the agent, so that later frames overtake it
 LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {event}" for event in ("lost", "doubled", "out of order"))
 
 
@@ -80,7 +80,7 @@ class Impairment:
         unit="bytes",
         whole=True,
     )
-    # (from, to) in s since the start of the link, between which the cable is unplugged
+    # times without the cable: (from, to) in s since the start of the link
     cuts: tuple[tuple[float, float], ...] = declared((), Declaration(words=_cut_words))
 
     def __post_init__(self) -> None:
@@ -93,7 +93,7 @@ class Impairment:
 
 @dataclass(slots=True)
 class Counts:
-    """Number of units per outcome. A unit is a MAVLink frame, or a run of bytes between two frames."""
+    """Number of units per outcome. A unit is a MAVLink frame, or the bytes between two frames."""
 
     taken: int = 0
     arrived: int = 0  # duplicates count twice
@@ -112,7 +112,7 @@ class Counts:
 
 
 class Channel:
-    """One direction of a link, which units enter and leave. Times are rising seconds since the start of the link."""
+    """One direction of a link: units enter and leave. Times are in s since the start of the link, and never fall."""
 
     def __init__(self, impairment: Impairment, seed: int, direction: str = "") -> None:
         self.impairment = impairment
@@ -125,7 +125,7 @@ class Channel:
         self._newest_s = 0.0  # latest arrival of a unit that keeps its order
 
     def put(self, t_s: float, unit: bytes) -> None:
-        """Put a unit in at `t_s`."""
+        """Let a unit enter at `t_s`."""
         wire, counts = self.impairment, self.counts
         loss, jitter, twice, late = (self._fate.random() for _ in range(4))
         counts.taken += 1
@@ -227,7 +227,7 @@ class OneWay:
         self._zero_s, self._over_s = now_s, over_s
 
 
-LOOK_S = 0.001  # s to wait at each end in turn; so a unit that is due waits for at most two such times
+LOOK_S = 0.001  # s to wait for bytes at each end in turn; so a due unit is at most two waits late
 
 
 class ImpairedWire:
@@ -255,7 +255,7 @@ class ImpairedWire:
         self.down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
-        """Start the thread and return self. Cuts refer to `time_s`, which starts at 0."""
+        """Start the thread and return self. `time_s`, the clock of the cuts, starts at 0."""
         self._zero_s = self._clock()
         self._thread.start()
         return self
@@ -266,13 +266,13 @@ class ImpairedWire:
         return self._clock() - self._zero_s
 
     def pull(self, from_s: float, seconds: float) -> None:
-        """Unplug the cable (both directions) at `from_s`, on the clock of `time_s`, for `seconds`."""
+        """Unplug the cable (both directions) for `seconds`, from `time_s` = `from_s` on."""
         for channel in (self.up.channel, self.down.channel):
             wire = channel.impairment
             channel.impairment = replace(wire, cuts=(*wire.cuts, (from_s, from_s + seconds)))
 
     def check(self) -> None:
-        """Raise the LinkError that ended the wire, if one did."""
+        """Raise the LinkError that ended the wire, if any."""
         if self.fault is not None:
             raise self.fault
 
@@ -346,7 +346,7 @@ class SteppedWire(MemoryTransport):
         self._receive_frames(data)
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return the arrived bytes; b'' if none arrived within `timeout_s` of the vehicle's time."""
+        """Return the arrived bytes; b'' if none arrives in `timeout_s` on the vehicle's clock."""
         due_s = self.time_s() + timeout_s
         self._receive_frames()
         while not self._received and self.time_s() < due_s:

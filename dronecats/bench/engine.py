@@ -1,4 +1,4 @@
-"""The protocol of engines, which fly the flights of a campaign, and the engine for one machine."""
+"""The protocol of the engines that fly a campaign (`bench` or `study`), and the engine for one machine."""
 
 import contextlib
 import math
@@ -26,12 +26,12 @@ from foundation.run_folder.results import SCORED, Result
 class Sortie:
     """One flight to be flown, and the folder for its files."""
 
-    flight: FlightSpec  # its `record` is the record of the episode
+    flight: FlightSpec  # `flight.record` is the episode's record
     folder: Path  # folder of the episode; it exists and has only empty logs
 
 
 class Engine(Protocol):
-    """Flies the flights of a campaign. The campaign limits the flights in the air at a time."""
+    """Flies the flights of a campaign. The campaign limits the number of flights at a time."""
 
     def begin(self, sortie: Sortie) -> None:
         """Begin a flight, without waiting for any flight. Raises DronecatsError when no flight is possible any more."""
@@ -51,13 +51,13 @@ class Engine(Protocol):
 
 
 WORKER = ChildKind("worker", "dronecats.bench.worker:Worker", WorkerConfig, needs_keys=True)
-POLL_S = 0.2  # wall s; in one round, the engine asks each worker once for an ended flight, and waits at most this long
-ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
-# wall s; a flight hangs if none of its files has grown for so long. The longest regular pause is 300 s, after which a
-# question with all its retries is given up.
+POLL_S = 0.2  # wall s, longest wait in one round; in a round, the engine asks each worker once for an ended flight
+ANSWER_S = 120.0  # wall s, time limit for a worker's answer to a command; usually it takes less than 1 s
+# wall s; a flight hangs if none of its files has grown for so long. The longest regular pause is 300 s, the time limit
+# of a question with all its retries.
 HANG_S = 900.0
-# Files that show the progress of a flight. The record is written before the map is loaded, so a flight counts as begun
-# even if the loading of its map hangs.
+# Files that show the progress of a flight. The record (EPISODE) is written before the map is loaded. So a flight
+# counts as begun even if its map never loads.
 PROGRESS_FILES = (
     layout.EPISODE, layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER, layout.PROMPTS
 )  # fmt: skip
@@ -69,7 +69,7 @@ class InFlight:
 
     sortie: Sortie
     written: int = -1  # `written_bytes` at the last check; -1: not checked
-    since_s: float = field(default_factory=time.monotonic)  # wall time of the last check that found another `written`
+    since_s: float = field(default_factory=time.monotonic)  # wall time of the last check that changed `written`
 
     def check(self, written: int) -> None:
         """Store the number of bytes that a check found."""
@@ -88,7 +88,7 @@ class _Crew:
 
     process: ChildProcess | None = None  # None: not started, or dead
     is_ready: bool = False
-    maps: set[str] = field(default_factory=set)  # maps that it has loaded
+    maps: set[str] = field(default_factory=set)  # maps of its flights so far
     fresh: list[Sortie] = field(default_factory=list)  # flights that have not begun
     flying: dict[str, InFlight] = field(default_factory=dict)  # by folder
 
@@ -105,7 +105,7 @@ class LocalEngine:
     """
 
     def __init__(self, log: Path, jobs: int, *, workers: int | None = None) -> None:
-        """`log`: file for the workers' output; `jobs`: flights at a time, at most the number of flights.
+        """`log`: file for the workers' output; `jobs`: flights at a time, not more than the campaign has.
 
         `workers`: largest number of workers; None: one per core.
         """
@@ -139,7 +139,7 @@ class LocalEngine:
                 try:
                     self._advance()
                 except (DronecatsError, OSError):
-                    if not self._landed:  # otherwise the next call meets the fault again
+                    if not self._landed:  # else return a flight; the next call meets the error again
                         raise
         return self._landed.popleft()
 
@@ -149,7 +149,7 @@ class LocalEngine:
             self._end(crew)
 
     def _crew_for(self, map_name: str) -> _Crew:
-        """Return the worker for a flight: one with its map and room, else an idle one, a new one, or the least busy."""
+        """Return a worker with this map and with room, else an idle one, else a new one, else the least busy one."""
         loaded = [crew for crew in self._crews if map_name in crew.maps and crew.load < self._room]
         if not loaded and len(self._crews) < self._most and all(crew.load for crew in self._crews):
             self._crews.append(_Crew())
@@ -186,7 +186,7 @@ class LocalEngine:
         if outcome is not None:
             sortie = flying[outcome["folder"]].sortie
             self._landed.append((sortie, flown_result(outcome, sortie)))
-            del flying[outcome["folder"]]  # afterwards, so that a full disk does not make the flight disappear
+            del flying[outcome["folder"]]  # deleted last, so that a full disk does not lose the flight
         for flight in flying.values():
             flight.check(written_bytes(flight.sortie.folder))
         if (found := hanging(list(flying.values()), self._hang_s)) is not None:
@@ -222,7 +222,7 @@ def lost_result(sortie: Sortie, fault: str) -> Result:
 def hanging(flying: Sequence[InFlight], hang_s: float) -> InFlight | None:
     """Return one flight that hangs among the flights of a worker; None: no flight hangs.
 
-    A flight that has not begun may wait for the others. It hangs only if all flights of the worker are silent.
+    A flight that has not begun may wait for the others, so it hangs only if all flights of the worker are silent.
     """
     silent = [flight for flight in flying if flight.silent_s > hang_s]
     begun = next((flight for flight in silent if flight.written > 0), None)

@@ -65,7 +65,7 @@ class SurveyedTarget:
         return asdict(self)
 
     def ned(self, origin: Vec3) -> Vec3:
-        """Return the NED position (m) from `origin` (lat °, lon °, alt m). An unknown altitude is that of `origin`."""
+        """Return the NED position (m) from `origin` (lat °, lon °, alt m). The default altitude is that of `origin`."""
         altitude = origin[2] if self.altitude_m is None else self.altitude_m
         return geodetic_to_ned(*origin, self.latitude_deg, self.longitude_deg, altitude)
 
@@ -103,12 +103,12 @@ def target_of(value: Any) -> SurveyedTarget:
 
 
 Array = NDArray[np.float64]
-CORRELATION_S = 300.0  # s, as long as a flight; a receiver's error is correlated for less time, so `std_m` is cautious
+CORRELATION_S = 300.0  # s, length of a flight; receiver errors correlate for less time, so `std_m` tends to be large
 POSITION_NOISE_M = 0.05  # m, white noise of one report, from the small corrections of the estimator
 ACCELERATION_PSD = 1.0  # (m/s²)²/Hz, noise of the acceleration of a multirotor at the speeds of these flights
-UNREPORTED_M = 1.0  # m, assumed accuracy if an axis has no reported one; SmoothedPath.std_m is then NaN
-THINNED_US = 90_000  # µs, least interval of the used reports; more reports add no information
-_H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])  # a report has position + error, and velocity
+UNREPORTED_M = 1.0  # m, assumed for an axis without reported accuracy; SmoothedPath.std_m is then NaN
+THINNED_US = 90_000  # µs, least time between two used reports; more reports add no information
+_H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])  # a report is (position + error, velocity)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +171,7 @@ def _thinned(time_us: Array) -> NDArray[np.int64]:
 
 
 def _filled(std: Array) -> Array:
-    """Fill gaps with the last accuracy before them, at the start with the first one. Default: UNREPORTED_M."""
+    """Fill a gap with the accuracy before it, else with the first one. If all are missing, use UNREPORTED_M."""
     reported = np.flatnonzero(np.isfinite(std))
     if not len(reported):
         return np.full_like(std, UNREPORTED_M)
@@ -215,7 +215,7 @@ def _process_noise(dt: float, wandered: float) -> Array:
 
 
 VELOCITY_STD = 0.1  # m/s, assumed accuracy in telemetry, because MAVLink reports none; typical of PX4's outdoor ULogs
-MARGIN_US = 5e6  # µs; the smoother also uses the estimates this long before and after the episode
+MARGIN_US = 5e6  # µs before and after the episode; the smoother also uses the estimates in this time
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,7 @@ class EstimatorLog:
     estimates: Estimates
     heading_us: Array  # (m,) µs, vehicle clock, rising
     heading: Array  # (m,) rad, unwrapped
-    origin: Vec3 | None  # lat °, lon °, alt m above mean sea level of the local frame; None: unknown
+    origin: Vec3 | None  # of the local frame: lat °, lon °, alt m above mean sea level; None: unknown
     source: str  # file name
 
     def yaw_deg(self, at_us: float) -> float | None:
@@ -241,8 +241,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     `target`: default is the surveyed target in episode.json, if any. `ulog`: default is the autopilot's onboard log in
     the folder, else flight.tlog.
 
-    Raises UsageError if the logs are not sufficient, or if a target is given and the origin of the local frame is
-    unknown.
+    Raises UsageError if the logs are not sufficient, or if there is a target but no origin of the local frame.
     """
     flight = RecordedFlight.read(folder)
     begin = flight.logs.begin
@@ -273,7 +272,7 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     )
 
     def common_fields(t: float) -> dict[str, Any] | None:
-        """Return the common fields of poses and frames at a time (s); None without an estimate."""
+        """Return the fields that poses and frames share, at a time (s); None: no estimate."""
         at_us = t0_us + t * 1e6
         index = int(np.searchsorted(path.time_us, at_us))
         if index >= len(path.time_us) or path.time_us[index] != at_us:
@@ -327,7 +326,7 @@ def from_telemetry(telemetry: DroneTelemetry, path: Path) -> EstimatorLog:
 
 
 def from_ulog(path: Path) -> EstimatorLog:
-    """Return the estimates in PX4's onboard log. Raises UsageError when the file is not such a log."""
+    """Return the estimates in PX4's onboard log. Raises UsageError for other files or without positions."""
     log = ulog_topics(path, "vehicle_local_position", "vehicle_gps_position", "sensor_gps")
     try:
         local = log["vehicle_local_position"]
@@ -377,7 +376,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     """Return the errors of estimate.jsonl against the logged truth, whose origin is `map_origin` (lat °, lon °, alt m).
 
     `rms_m` and `max_m` are distances. `within_2_std` is the share of coordinates with an error of at most two standard
-    deviations. Raises UsageError without estimate.jsonl, without common times, or if the estimate has no origin.
+    deviations. Raises UsageError if estimate.jsonl, its origin or common times are missing.
     """
     logs, estimated_log = read(folder), estimate(folder)
     if estimated_log is None:
@@ -404,9 +403,9 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
 
 
 def _covers(times: Array, t: float) -> bool:
-    """Return whether a time (s) is at a true pose, or between two true poses without a gap in the log.
+    """Return whether a time (s) is at a true pose, or between two that are at most 1.5 periods apart.
 
-    A true pose is logged every 0.5 s, up to 20 ms after the estimated pose, so their times differ.
+    The period is 0.5 s. A true pose is logged up to 20 ms after the estimated pose, so their times differ.
     """
     after = int(np.searchsorted(times, t))
     if after == len(times) or (after == 0 and times[0] > t):

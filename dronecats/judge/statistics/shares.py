@@ -35,7 +35,7 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
     middle = share + z * z / (2 * trials)
     half = z * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
     scale = 1 + z * z / trials
-    # without successes the interval includes 0, without failures 1; rounding would miss these ends
+    # the interval includes 0 without successes, and 1 without failures; rounding could miss them
     low = 0.0 if successes == 0 else (middle - half) / scale
     return low, 1.0 if successes == trials else (middle + half) / scale
 
@@ -44,10 +44,10 @@ def estimate_share(flights: Sequence[Sequence[bool]]) -> ShareEstimate:
     """Return the share of successes over all flights of some episodes; `flights` has the outcomes of each episode.
 
     Flights of one episode are correlated, so ten flights of one episode carry less information than one flight of each
-    of ten episodes. The interval is Wilson's with an effective number of trials: the number of independent trials with
-    the same variance of the share (linearised: Cochran, "Sampling Techniques", 1977, 6.4). The effective number is at
-    least the number of episodes, and at most the number of flights. If all flights have the same outcome, or there is
-    only one episode, it is the number of episodes.
+    of ten episodes. The interval is Wilson's for an effective number of trials. With so many independent trials, the
+    share has the same variance (linearised: Cochran, "Sampling Techniques", 1977, 6.4). The effective number is at
+    least the number of episodes, and at most the number of flights. It is the number of episodes if all flights have
+    the same outcome, or if there is only one episode.
     """
     episodes = [outcomes for outcomes in flights if outcomes]
     trials, successes = sum(map(len, episodes)), sum(map(sum, episodes))
@@ -77,9 +77,9 @@ class Spread:
     episodes: int  # number of episodes of each flight
     mean: float  # mean number of successes
     deviation: float | None  # standard deviation of the number of successes; None: one flight
-    low: float | None  # lower end of the interval of `deviation`, if totals are normal
-    high: float | None  # upper end; at most half of the episodes, or `deviation` if that is larger
-    binomial: float  # expected deviation for equally hard episodes: the paper's sqrt(n p (1 - p))
+    low: float | None  # lower end of the interval of `deviation`; assumes normal totals
+    high: float | None  # upper end; at most half of the episodes, but at least `deviation`
+    binomial: float  # expected deviation if all episodes are equally hard, sqrt(n p (1 - p)) in the paper
     binomial_by_episode: float | None  # expected deviation if each episode has its own success rate; None: one flight
 
 
@@ -109,7 +109,7 @@ def spread(flights: Sequence[Sequence[bool]]) -> Spread:
 
 
 def binomial_deviation(share: float, trials: int) -> float:
-    """Return the standard deviation of the number of successes of independent trials with success rate `share`."""
+    """Return the standard deviation of the number of successes in independent trials with success rate `share`."""
     return math.sqrt(trials * share * (1.0 - share))
 
 
@@ -157,7 +157,7 @@ class Paired:
     only_second: int  # episodes that the second pilot solved more often: McNemar's c
     difference: float  # share of successes of the first pilot minus the second pilot's share, -1 … 1
     p: float  # exact two-sided p-value
-    smallest: float | None  # `smallest_difference` at the observed share of different outcomes; None: too few episodes
+    smallest: float | None  # `smallest_difference` for the observed value of `discordant`; None: too few episodes
 
 
 def paired(first: Sequence[Sequence[bool]], second: Sequence[Sequence[bool]]) -> Paired:
@@ -192,8 +192,8 @@ def mcnemar(b: int, c: int) -> float:
 def smallest_difference(episodes: int, discordant: float = 0.0) -> float | None:
     """Return the smallest true difference in success rate that McNemar's exact test detects with the power POWER.
 
-    The assumed share of episodes with different outcomes is the larger of `discordant` and the difference. Accurate to
-    0.0001. None: too few episodes for any difference.
+    It assumes that the share of episodes with different outcomes is `discordant`, or the difference if that is larger.
+    Accurate to 0.0001. None: too few episodes for any difference.
     """
     if mcnemar_power(episodes, 1.0, 1.0) < POWER:
         return None
@@ -223,9 +223,9 @@ def mcnemar_power(episodes: int, difference: float, discordant: float) -> float:
 
 @functools.cache
 def _largest_significant_minority(pairs: int) -> int:
-    """Return the largest number of `pairs` discordant pairs that may favour the weaker pilot so that p ≤ ALPHA.
+    """Return the largest number of discordant pairs, of `pairs`, that may favour the weaker pilot while p ≤ ALPHA.
 
-    -1: p > ALPHA even if all discordant pairs favour one pilot.
+    -1: p > ALPHA even if all of them favour one pilot.
     """
     most = -1
     while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= ALPHA:

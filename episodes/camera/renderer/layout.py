@@ -26,7 +26,7 @@ from foundation.threads import once
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
 SOURCES = ("episodes/camera/renderer/*.py", "episodes/maps/*.py", "foundation/*.py")  # cached values depend on these
-CHUNK = 128  # at most this many triangles are culled together
+CHUNK = 128  # largest number of triangles that are culled together
 
 
 class Eye(NamedTuple):
@@ -48,7 +48,7 @@ class Eye(NamedTuple):
 
 
 def eye_of(pose: CameraPose, camera: CameraModel, grain: int = 2) -> Eye:
-    """Return `pose` with its axes in NED and the pinhole of `camera`. Source: paper, "Back-projection"."""
+    """Return the eye at `pose` with the pinhole of `camera`. Source: paper, "Back-projection"."""
     return Eye(
         position=as_floats(pose.position_ned),
         forward=rotate(pose.attitude, (1.0, 0.0, 0.0)),
@@ -75,7 +75,7 @@ class Triangles(NamedTuple):
     position: NDArray[np.float32]  # (T, 3, 3) m, NED, corners
     normal: NDArray[np.float32]  # (T, 3, 3) unit, NED, at the corners
     uv: NDArray[np.float32]  # (T, 3, 2)
-    face: NDArray[np.float32]  # (T, 3) unit normal, NED; seen from its side, the corners run counter-clockwise
+    face: NDArray[np.float32]  # (T, 3) unit normal, NED; seen from its tip, the corners run counter-clockwise
     flat: NDArray[np.bool_]  # (T,) whether the normals at the corners are equal
     material: NDArray[np.int32]  # (T,) row of Surfaces
     instance: NDArray[np.int32]  # (T,) the instance's id
@@ -86,7 +86,7 @@ class Triangles(NamedTuple):
     chunk_count: NDArray[np.int32]  # (C,)
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
-    chunk_cut: NDArray[np.bool_]  # (C,) whether the chunk's triangles have textures with holes: all or none
+    chunk_cut: NDArray[np.bool_]  # (C,) whether the textures of the chunk have holes (all of them or none)
     solid_center: NDArray[np.float64]  # (C, 3) m, NED, middle of a sphere around the surfaces that the chunk belongs to
     solid_radius: NDArray[np.float64]  # (C,) m; from outside the sphere, a camera sees no back faces of closed surfaces
 
@@ -128,7 +128,7 @@ class SceneArrays:
 
 
 def place(triangles: Triangles, part: PlacedPart, position_ned: Vec3, turned: float | Quat) -> None:
-    """Write one instance at `position_ned` (m), with its yaw (rad) or its attitude, into `triangles`."""
+    """Write one instance into `triangles`. `position_ned`: m; `turned`: yaw (rad) or attitude."""
     axes = np.ascontiguousarray(turn(turned).T)  # row vectors: v @ axes
     position = part.shape.position @ axes + np.array(as_floats(position_ned))
     triangles.position[part.triangles] = position
@@ -145,9 +145,9 @@ def place(triangles: Triangles, part: PlacedPart, position_ned: Vec3, turned: fl
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[PlacedPart]:
-    """Put every movable instance at its pose in `moved`, or hide it if the pose is None. Return those not hidden.
+    """Put every movable instance at its pose in `moved`, or hide it if the pose is None. Return the instances to draw.
 
-    An instance without an entry gets its pose in the scene. Raises UsageError when `moved` names an instance that the
+    An instance without an entry gets its pose from the scene. Raises UsageError when `moved` names an instance that the
     scene lacks or that is not movable.
     """
     ids = {part.instance.id for part in layout.movable}
@@ -165,7 +165,7 @@ def place_all(layout: SceneArrays, moved: Moved) -> list[PlacedPart]:
 
 
 def face_normals(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the (T, 3) unit normals of the triangles' planes, from the order of their corners."""
+    """Return the (T, 3) unit normals of the triangles' planes, directed by the order of the corners."""
     corner = mesh.vertices[mesh.triangles].astype(np.float64)
     cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     length = np.linalg.norm(cross, axis=1, keepdims=True)
@@ -190,7 +190,7 @@ def lay_out(scene: Scene, of_map: SceneLayout | None = None) -> SceneArrays:
     """Return the arrays of a scene.
 
     `of_map`, the layout of the scene's map, only saves time: its rows are copied instead of computed.
-    Raises UsageError for ids that repeat or are below 1, or a corner that is not finite.
+    Raises UsageError for ids that repeat or are below 1, and for a corner that is not finite.
     """
     ids = [instance.id for instance in scene.instances]
     if len(set(ids)) != len(ids) or min(ids, default=1) < 1:
@@ -202,9 +202,9 @@ def lay_out(scene: Scene, of_map: SceneLayout | None = None) -> SceneArrays:
     return add_instances(NOTHING, scene.instances).arrays
 
 
-@once(3)  # a run has many episodes on one map, and several cameras
+@once(3)  # the episodes and cameras of a run share the layout
 def map_layout(scene: Scene) -> SceneLayout | None:
-    """Return the layout of a map, for `lay_out`; None if the map has movable instances: their rows must be last."""
+    """Return the layout of a map, for `lay_out`; None if the map has movable instances (their rows must stay last)."""
     if any(instance.movable for instance in scene.instances):
         return None
     rows = kept_of_scene("layout", SOURCES, scene, lambda: _with_instances(NOTHING, scene.instances))
@@ -331,7 +331,7 @@ def _chunk_starts(mesh: Mesh) -> NDArray[np.int64]:
 
 
 def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
-    """Return `Triangles.solid`, and the bounds (T, 3), m, of the connected surface that each triangle belongs to.
+    """Return `Triangles.solid`, and the lower and upper bounds (T, 3), m, of each triangle's connected surface.
 
     A surface is closed if its triangles use every edge equally often in both directions. Its faces point outwards if
     its signed volume is positive. A surface with cut-out triangles is open.
@@ -344,7 +344,7 @@ def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64],
     low_end, high_end = np.minimum(begin, end).astype(np.int64), np.maximum(begin, end)
     surface_of = connected(low_end, high_end, len(places))
     edges, edge = np.unique(low_end * len(places) + high_end, return_inverse=True)
-    forward = np.bincount(edge, np.where(begin < end, 1, -1))  # uses of each edge in one direction minus the other's
+    forward = np.bincount(edge, np.where(begin < end, 1, -1))  # uses of each edge: one direction minus the other
     count = int(surface_of.max()) + 1
     is_open = np.zeros(count, np.bool_)
     is_open[surface_of[edges[forward != 0] // len(places)]] = True
@@ -378,7 +378,7 @@ def _with_empty_rows(before: Triangles, instances: Sequence[Instance]) -> Triang
 
 
 def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return for each triangle a number that all triangles of its material and plane share.
+    """Return a number per triangle: the same for triangles with the same material and plane.
 
     All foliage of one material is one piece, because the edges between leaves are too many to smooth.
     """
