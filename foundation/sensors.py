@@ -26,7 +26,7 @@ SENSORS = np.dtype(
         ("baro_time_us", "i8"),
         ("pressure_hpa", "f8"),  # hPa, absolute
         ("temperature_c", "f8"),  # °C
-        ("gps_time_us", "i8"),  # µs at which the fix was valid, not when it arrived
+        ("gps_time_us", "i8"),  # µs, time stamp of the fix; later than its validity if `gps_late_us` delays it
         ("gps_lat_deg", "f8"),
         ("gps_lon_deg", "f8"),
         ("gps_alt_m", "f8"),  # m, above mean sea level
