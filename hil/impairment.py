@@ -266,7 +266,7 @@ class ImpairedWire:
         return self._clock() - self._zero_s
 
     def pull(self, from_s: float, seconds: float) -> None:
-        """Unplug the cable (both directions) for `seconds`, from `time_s` = `from_s` on. `impair` forgets earlier pulls."""
+        """Unplug the cable (both directions) for `seconds`, from `time_s` = `from_s` on. `impair` undoes this."""
         for channel in (self.up.channel, self.down.channel):
             wire = channel.impairment
             channel.impairment = replace(wire, cuts=(*wire.cuts, (from_s, from_s + seconds)))
