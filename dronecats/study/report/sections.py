@@ -246,7 +246,7 @@ def setup(findings: Findings) -> ReportTable:
              else f"{len(factor.levels)} levels")
             for factor in results.factors
         ),
-        ("Pilots", ", ".join(results.entrants)),
+        ("Entrants", ", ".join(results.entrants)),
         ("Cells", ", ".join(cell_title(cell) for cell in results.cells)),
         ("Episodes", str(len({flight.scored.episode for flight in results.flights}))),
         ("Flights", f"{flights} of {results.planned} flown, {scored} of them scored"),
