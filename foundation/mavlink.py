@@ -43,7 +43,7 @@ class Parser:
         """Return the message of a MAVLink 1 or signed frame; empty if pymavlink rejects it."""
         try:
             return [self._mav.decode(bytearray(frame))]
-        except Exception:  # wrong lengths raise more than MAVError, and no error may stop the flight
+        except Exception:  # wrong lengths raise other errors besides MAVError, and no error may stop the flight
             self.bad += 1
             return []
 

@@ -17,7 +17,7 @@ from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
 from vehicles.records import rotate, rotate_inverse
 
-DRONE = -2  # means another vehicle in fields with an obstacle's number, as `collision.BOX` means the moving box
+DRONE = -2  # for another vehicle, in fields with an obstacle's number; `collision.BOX` there stands for the moving box
 TOUCH_MARGIN_M = 1e-3  # m, safety margin of `Ball.may_touch`
 RESTITUTION = 0.3  # coefficient for plastic and carbon: a bump loses most of its energy
 SEPARATION_RATE = 3.0  # 1/s, speed at which overlapping balls are driven apart, per m of overlap
@@ -72,7 +72,7 @@ def _push(state: Record, arm: Vec3, force: Vec3, sign: float) -> None:
 
 @njit(cache=True)
 def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
-    """Note a hit at `closing` (m/s): a crash above CRASH_BODY. Above BREAKING, the nearest propeller breaks.
+    """Note a hit at `closing` (m/s). Above CRASH_BODY it is a crash, above BREAKING the nearest propeller breaks.
 
     `arm` (m, NED) goes from the vehicle's origin to the point of contact.
     """

@@ -40,7 +40,7 @@ class Fault:
     kind: str  # a key of KINDS
     from_us: int = 0  # µs since boot
     until_us: int = FOR_EVER_US  # µs since boot
-    value: Vec3 = (0.0, 0.0, 0.0)  # the parts baro and range and the kinds delay and weaken use only the first number
+    value: Vec3 = (0.0, 0.0, 0.0)  # only the first counts for the parts baro and range, and the kinds delay and weaken
 
 
 def fault_record(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency_us: int) -> np.void:

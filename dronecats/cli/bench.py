@@ -82,7 +82,7 @@ def _export(args: argparse.Namespace) -> int:
         raise UsageError(f"{EXPORT} needs run folders, or folders of runs, and --out DIR for the files")
     rows, damage = write_tables("parquet", recorded_runs(runs), args.out)
     for episode in damage:
-        print_note(f"dronecats bench: {episode} is damaged, so only the table episodes has it")
+        print_note(f"dronecats bench: {episode} is damaged, so it is only in the table `episodes`")
     if args.json:
         print(json.dumps({"rows": rows, "damaged": damage, "out": str(args.out)}))
     else:

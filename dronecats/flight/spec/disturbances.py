@@ -337,8 +337,8 @@ class VehicleFaults:
     gps_noise: float = _disturbance(
         1.0, "gps_noise", "factor on the position and velocity errors of GPS fixes", high=100.0, unit="×",
         words="GPS noise × {value:g}", metavar="X",
-        more="The factor also multiplies the slow error that the fixes have at the beginning of the episode, so the "
-        "position jumps then. "
+        more="The factor applies from the beginning of the episode and also multiplies the slow error, so the position "
+        "jumps at that time. "
         "The accuracy that the GPS reports stays the same.",
     )  # fmt: skip
     estimator_noise: float = _disturbance(
@@ -359,8 +359,8 @@ class VehicleFaults:
         refines="stall_length",
         option=DisturbanceOption(
             name="host_stalls", metavar="P,S",
-            help="at the start of each second, stall the simulator with probability P, for S seconds",
-            more="S is wall time; the other seconds are vehicle time. Only in real time.",
+            help="at the start of each second of vehicle time, stall the simulator with probability P, for S seconds",
+            more="S is in wall time. Only in real time.",
             read=lambda text: dict(zip(("stalled", "stall_s"), _pair("host-stalls", text, STALLS), strict=True)),
         ),
     )  # fmt: skip

@@ -47,7 +47,7 @@ def as_redacted_json(spec: FlightSpec) -> dict[str, Any]:
 
 
 def from_json(value: Any, where: str) -> FlightSpec:
-    """Return the spec in JSON values. `where` names their source in errors. Raises UsageError for an invalid spec."""
+    """Read a spec from JSON values. `where` names their source in errors. Raises UsageError for an invalid spec."""
     try:
         spec = _flight(value)
     except (msgspec.ValidationError, UsageError) as wrong:
@@ -103,8 +103,8 @@ def _unknown(value: Any, allowed: Any, path: str = "") -> str | None:
 def recorded(path: Path) -> FlightSpec:
     """Return the spec that repeats the flight in an episode folder, or in a run folder with one episode.
 
-    The replies and their latencies come from the recording. The latency policy `real` becomes `measured`, because the
-    call for a replayed reply takes no time. Raises UsageError if the flight was not simulated or has no settings.
+    The replies and their latencies come from the recording. The latency policy `real` becomes `measured`, because a
+    replayed reply takes no time itself. Raises UsageError if the flight was not simulated or has no settings.
     """
     folder = episode_folder(path).resolve()
     configuration = run_configuration(folder.parent)

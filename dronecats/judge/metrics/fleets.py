@@ -94,8 +94,8 @@ METRICS = (
     ),
     Metric(
         name="drones_elsewhere", title="Declared elsewhere", unit="count", level="episode", better="less",
-        definition="number of drones with declarations none of which qualifies, and none of which is within the radius"
-        " of a look-alike's centre",
+        definition="number of drones with declarations of which none qualifies and none is within the radius of a"
+        " look-alike's centre",
         paper=COMMAND, of=_outcome_count("elsewhere"),
     ),
     Metric(

@@ -23,7 +23,7 @@ def success_at_first(flight: JudgedFlight) -> bool | None:
 def declared_to_start(flight: JudgedFlight) -> float | None:
     """Return the distance at the first declaration that qualifies, divided by the start distance of the same drone.
 
-    If no declaration qualifies, the first one counts: the metric also shows declarations made too far from the target.
+    If no declaration qualifies, the first one counts, so the metric also shows declarations too far from the target.
     The paper defines the metric only for a declaration that qualifies.
     """
     made = flight.declarations
@@ -153,8 +153,7 @@ METRICS = (
     ),
     Metric(
         name="crashes", title="Crashes", unit="count", level="episode", better="less",
-        definition="number of drones that hit something faster than 1 m/s, or the ground with their feet faster than"
-        " 5 m/s",
+        definition="number of drones that hit something at more than 1 m/s, or landed on their feet at more than 5 m/s",
         paper="", of=verdict_value("contacts", "crashes"),
     ),
     Metric(

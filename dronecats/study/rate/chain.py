@@ -33,7 +33,9 @@ class QuestionTimes:
     failed_s: float  # time of waits for the rate limit, failed attempts, and the pauses after them
     model_s: float  # time from request to answer, only of the attempt that was answered
     parse_s: float  # time from the reply to the controller's setpoint
-    tick_s: float  # sum of three waits for the agent's next tick: of the picture, the reply and the computed setpoint
+    tick_s: (
+        float  # three waits for the agent's next tick, summed: picture, reply and computed setpoint each wait for one
+    )
     step_s: float  # time from the request of the picture to the ready setpoint: the sum of all times above except age_s
     latency_s: float  # encode_s + model_s + parse_s: a simulation uses this latency and adds its own ticks
     rate_hz: float | None  # Hz, 1 / vehicle time since the previous decision; None: the first question
@@ -270,7 +272,7 @@ def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: fl
 
 
 # a study that compares the measured chain with a chain without latency
-STUDY_FILE = f"""# The cost of a measured chain: its replies and the age of its pictures. See docs/rate.md
+STUDY_FILE = f"""# The effect of a measured chain: the latency of its replies and the age of its pictures. See docs/rate.md
 name = "measured-chain"
 pilot = ["noisy"]
 cells = ["tracking", "approaching"]

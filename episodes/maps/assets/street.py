@@ -62,7 +62,7 @@ def mailbox(number: int = 0) -> Mesh:
 
 @lru_cache(maxsize=64)
 def board_fence(length: float = 10.0, height: float = 1.8, tone: int = 0) -> Mesh:
-    """Return a fence of boards without gaps along the forward axis, in one of four tones of wood."""
+    """Return a fence along the forward axis, of boards without gaps, in one of four tones of wood."""
     wood = surface("boards", BOARD_TONES[tone % len(BOARD_TONES)])
     half = length / 2
     solids = [g.box((-half, -0.02, 0.05), (half, 0.02, height), wood, 1.2)]
