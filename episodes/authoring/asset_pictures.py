@@ -243,7 +243,7 @@ def face_of(mesh: Mesh, material: str) -> Face:
 
 
 def _cell(data: bytes, probe: Probe) -> Picture:
-    """Return the part of a picture with the inscription (BGR, enlarged without smoothing), captioned: distance, text."""
+    """Return the part of a picture with the inscription (BGR, enlarged without smoothing), captioned."""
     seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert seen is not None  # `data` is a JPEG from `encode`
     focal = CENTRED.focal_px * seen.shape[1] / CENTRED.width

@@ -3,7 +3,8 @@
 The autopilot is a PX4 or this project's own. The following was measured with PX4 1.15. PX4 accepts setpoints only in
 the frames LOCAL_NED and BODY_NED. It rejects a type mask without vz (0x5E7) or without any value (0xDFF), and Offboard
 then times out. Setpoints below 2 Hz count as lost; once they are faster again, PX4 returns to Offboard
-without a mode command. PX4 reduces the rates of its messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground station.
+without a mode command. PX4 reduces the rates of its messages until the radio can carry them. It sends STATUSTEXT only
+on a link with a ground station.
 """
 
 from dataclasses import dataclass

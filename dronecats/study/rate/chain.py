@@ -272,7 +272,7 @@ def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: fl
 
 
 # a study that compares the measured chain with a chain without latency
-STUDY_FILE = f"""# The effect of a measured chain: the latency of its replies and the age of its pictures. See docs/rate.md
+STUDY_FILE = f"""# Effect of a measured chain: latency of its replies, age of its pictures. See docs/rate.md
 name = "measured-chain"
 pilot = ["noisy"]
 cells = ["tracking", "approaching"]
