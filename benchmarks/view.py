@@ -2,11 +2,11 @@
 
 `dronecats fly --view` flies an episode in real time. A client connects to the page as a browser does, and notes when
 each true attitude arrives. The delay of a sample is this arrival (wall time) minus its vehicle time minus the offset
-between the two clocks. The offset is the smallest difference, over all samples, between the wall time at which a
-sample appears in flight.tlog and its vehicle time. So the delay includes the waits in viewer and socket. Of the waits in logger and
-file, it includes only the excess over their smallest value. It does not include drawing in the browser: one frame
-(17 ms) with a graphics card. `flush_ratio` is the median processor time of lockstep flights whose logger flushes every
-delivery, divided by the median of flights whose logger does not flush. The two kinds of flights alternate.
+between the two clocks. The offset is the smallest difference, over all samples, between the wall time at which a sample
+appears in flight.tlog and its vehicle time. So the delay includes the waits in viewer and socket. Of the waits in
+logger and file, it includes only the excess over their smallest value. It does not include drawing in the browser: one
+frame (17 ms) with a graphics card. `flush_ratio` is the median processor time of lockstep flights whose logger flushes
+every delivery, divided by the median of flights whose logger does not flush. The two kinds of flights alternate.
 """
 
 import math
