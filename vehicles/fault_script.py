@@ -12,6 +12,7 @@ from vehicles.faults import FOR_EVER_US, Fault, fault_record
 from vehicles.records import MAX_FAULTS
 from vehicles.sensors import Suite
 
+USUAL = Suite()
 LONGEST_S = 1e9  # s, thirty years; keeps times within the range of the record's integers
 WITH_VALUE = ("bias", "delay", "weaken")  # kinds of faults that need a value
 
@@ -48,17 +49,16 @@ class FaultEntry:
         return Fault(self.part, self.kind, round(self.from_s * 1e6), until_us, (x, y, z))
 
 
-def load(path: Path, rotors: int) -> list[Fault]:
-    """Return the faults of a file, in the order of the file, for a vehicle with `rotors` rotors.
+def load(path: Path, rotors: int, suite: Suite = USUAL) -> list[Fault]:
+    """Return the faults of a file, in the order of the file, for a vehicle with `rotors` rotors and these sensors.
 
     Raises UsageError that names the file, the entry and the reason.
     """
-    return parse(toml_table(path, f"fault script {path}"), path.name, rotors)
+    return parse(toml_table(path, f"fault script {path}"), path.name, rotors, suite)
 
 
-def parse(table: dict[str, Any], name: str, rotors: int) -> list[Fault]:
+def parse(table: dict[str, Any], name: str, rotors: int, suite: Suite = USUAL) -> list[Fault]:
     """Return the faults that a parsed TOML table lists. `name`: the file's name in errors. Raises UsageError."""
-    suite = Suite()
     where = f"fault script {name}"
     entries = typed(table, FaultScript, where).fault
     if len(entries) > MAX_FAULTS:

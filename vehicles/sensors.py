@@ -330,7 +330,7 @@ def _satellite_fix(suite: Record, memory: Record, faults: Record, state: Record)
         )
         memory.gps_multipath[i] += (memory.gps_reflected[i] - memory.gps_multipath[i]) * smoothing
     fault, row = active(faults, GPS, state.time_us)
-    if fault == FAIL:
+    if fault == FAIL or memory.queue_count == GPS_QUEUE:
         return
     slot = (memory.queue_head + memory.queue_count) % GPS_QUEUE
     last = (slot + GPS_QUEUE - 1) % GPS_QUEUE

@@ -277,11 +277,18 @@ class Commander:
         return self.set_mode("ORBIT")
 
     def replace_plan(self, kind: int, items: tuple[PlanItem, ...]) -> None:
-        """Replace the mission (0), fence (1) or rally points (2). A changed mission starts at its first item."""
+        """Replace the mission (0), fence (1) or rally points (2). A changed mission starts at its first item.
+
+        If the vehicle flies a mission and cannot fly the new one, it returns, as PX4 does.
+        """
         if self.flight.plans.replace(kind, items) and kind == MISSION:
             self.mission.rewind()
             if self._active is self.mission and items:
-                self.mission.enter(self.flight)
+                if failures := self.flight.mission_failures():
+                    self._send_text(dialect.MAV_SEVERITY_CRITICAL, f"Mission refused: {failures[0]}, Return")
+                    self._choose("RETURN")
+                else:
+                    self.mission.enter(self.flight)
 
     def fly_item(self, number: int) -> bool:
         """Continue the mission at an item. Returns False if the mission has no item with this number."""
@@ -376,6 +383,8 @@ class Commander:
 
     def _reaction(self) -> tuple[str, str]:
         """Return (mode in HEARTBEAT, name of the behaviour to fly)."""
+        if self.intended == "TERMINATION":
+            return "TERMINATION", "TERMINATION"  # no failsafe may fly on
         if self.supervision.failsafe is NO_FAILSAFE and self.intended not in STICK_MODES:
             return self.intended, self.intended  # `reaction` would return the same values, more slowly
         return reaction(

@@ -239,9 +239,9 @@ def refusal(kind: int, item: PlanItem, total: int) -> int:
     if placed:
         if item.frame not in GLOBAL_FRAMES:
             return UNSUPPORTED_FRAME
-        if math.isfinite(item.lat_deg) and abs(item.lat_deg) > 90.0:
+        if item.x != NO_COORDINATE and abs(item.x * DEGREES) > 90.0:
             return INVALID_X
-        if math.isfinite(item.lon_deg) and abs(item.lon_deg) > 180.0:
+        if item.y != NO_COORDINATE and abs(item.y * DEGREES) > 180.0:
             return INVALID_Y
         if not abs(item.z) < 1e5 and item.command != TAKEOFF:
             return INVALID_Z
@@ -286,7 +286,7 @@ CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # largest number of items in 
 NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally"}
 
 
-Int32 = Annotated[int, Meta(gt=-(1 << 31), lt=1 << 31)]
+Int32 = Annotated[int, Meta(ge=-(1 << 31), le=(1 << 31) - 1)]
 StoredNumber = float | str  # a text if JSON has no such number, for example "nan" for a value that is not given
 
 

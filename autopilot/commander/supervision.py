@@ -45,7 +45,7 @@ class Conditions(NamedTuple):
     mode: str  # the requested mode
     offboard_signal: bool
     sticks: bool  # whether there is stick input
-    sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan if the vehicle armed without sticks
+    sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan if there was none in this flight
     station_lost_s: float  # s since the last ground station heartbeat; nan if there never was one
     battery: float  # charge (0 … 1), nan if unknown
     battery_at_arming: float
@@ -104,7 +104,7 @@ def _manual_control_loss(c: Conditions, p: ParameterTable) -> Failsafe:
         return NO_FAILSAFE
     if int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0) or c.mode in _NEAR_GROUND:
         return NO_FAILSAFE
-    return Failsafe("manual control lost", _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]), Reaction.NONE))
+    return _link_loss("manual control lost", p["NAV_RCL_ACT"])
 
 
 def _station_loss(c: Conditions, p: ParameterTable) -> Failsafe:
@@ -112,7 +112,13 @@ def _station_loss(c: Conditions, p: ParameterTable) -> Failsafe:
         return NO_FAILSAFE
     if int(p["COM_DLL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0):
         return NO_FAILSAFE
-    return Failsafe("ground station lost", _LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]), Reaction.NONE))
+    return _link_loss("ground station lost", p["NAV_DLL_ACT"])
+
+
+def _link_loss(cause: str, choice: float) -> Failsafe:
+    """Return the failsafe of a lost link. A return or landing continues when the link is back: PX4's failsafe.cpp."""
+    action = _LINK_ACTIONS.get(int(choice), Reaction.NONE)
+    return Failsafe(cause, action, sticky=action in (Reaction.RETURN, Reaction.LAND))
 
 
 def _battery(c: Conditions, p: ParameterTable) -> Failsafe:
@@ -153,7 +159,7 @@ def _fence(c: Conditions, p: ParameterTable) -> Failsafe:
     if not c.fence_breach:
         return NO_FAILSAFE
     action = _FENCE_ACTIONS.get(int(p["GF_ACTION"]), Reaction.NONE)
-    return Failsafe(FENCE_BREACHED, action, sticky=action in (Reaction.RETURN, Reaction.LAND))
+    return Failsafe(FENCE_BREACHED, action, sticky=action in (Reaction.HOLD, Reaction.RETURN, Reaction.LAND))
 
 
 def _attitude_failure(c: Conditions, p: ParameterTable) -> Failsafe:
@@ -272,7 +278,7 @@ class Supervision:
         self._overridden: frozenset[str] = frozenset()
         self._looked_us = 0
         self._armed_us = 0
-        self._armed_with_sticks = False
+        self._had_sticks = False  # in this flight; before, a loss cannot be noticed
         self._battery_at_arming = math.nan
         self._attitude = AttitudeWatch(parameters)
         self._accuracy = AccuracyWatch(parameters)
@@ -288,7 +294,7 @@ class Supervision:
         """Start the supervision at arming."""
         self.end()
         self._armed_us, self._looked_us = flight.state.time_us, 0
-        self._armed_with_sticks = self.sticks_fresh(flight)
+        self._had_sticks = self.sticks_fresh(flight)
         self._battery_at_arming = battery(flight)
 
     def end(self) -> None:
@@ -357,13 +363,14 @@ class Supervision:
 
     def _conditions(self, flight: FlightContext, mode: str, offboard_signal: bool, takeoff_us: int) -> Conditions:
         state, p = flight.state, self._parameters
-        now = state.time_us
+        now, sticks = state.time_us, self.sticks_fresh(flight)
+        self._had_sticks |= sticks
         lockdown_s = float(p["COM_LKDOWN_TKO"]) + float(p["COM_SPOOLUP_TIME"])
         return Conditions(
             mode=mode,
             offboard_signal=offboard_signal,
-            sticks=self.sticks_fresh(flight),
-            sticks_lost_s=seconds_since(now, flight.sticks.time_us) if self._armed_with_sticks else math.nan,
+            sticks=sticks,
+            sticks_lost_s=seconds_since(now, flight.sticks.time_us) if self._had_sticks else math.nan,
             station_lost_s=seconds_since(now, self.station_seen_us),
             battery=battery(flight),
             battery_at_arming=self._battery_at_arming,

@@ -45,9 +45,18 @@ def test_manual_control_loss_triggers_the_configured_action(bench: Bench, choice
     bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
     bench.until(lambda: bench.commander.mode == "HOLD", 30, lambda: sticks(bench))
     after_delay(bench, mode, "manual control lost", name)
+    bench.run(1.0, lambda: sticks(bench))
+    assert bench.commander.mode == mode  # the action continues when the link is back
+    assert bench.client.mode(4, 3) == 0
     bench.run(0.3, lambda: sticks(bench))
     assert bench.commander.mode == "HOLD"
     assert has_text(bench, "Failsafe over")
+
+
+def test_a_loss_of_sticks_that_came_after_arming_is_noticed(bench: Bench) -> None:
+    bench.fly()
+    bench.run(1.0, lambda: sticks(bench))
+    after_delay(bench, "RETURN", "manual control lost", "Return")
 
 
 @pytest.mark.parametrize("exception", [{"COM_RCL_EXCEPT": 2}, {"COM_RC_IN_MODE": 4}, {"NAV_RCL_ACT": 0}])
@@ -129,6 +138,22 @@ def test_the_flight_time_limit_triggers_return(bench: Bench) -> None:
     after_delay(bench, "RETURN", "flight time over", "Return")
 
 
+@pytest.mark.parametrize("failsafe", [{"COM_OBL_RC_ACT": 5}, {"COM_OBL_RC_ACT": 0}, {"GF_ACTION": 3}])
+def test_a_termination_during_a_failsafe_stops_the_rotors(bench: Bench, failsafe: dict[str, float]) -> None:
+    put(bench, GF_MAX_HOR_DIST=20, COM_FAIL_ACT_T=0, **failsafe)
+    bench.fly()
+    bench.client.velocity(0.0, 0.0, 0.0)
+    bench.client.mode(6)
+    if "GF_ACTION" in failsafe:
+        bench.core.estimate["position_ned"][0] = 25.0
+    bench.run(1.5)
+    assert bench.commander.in_failsafe
+    assert bench.client.command(dialect.MAV_CMD_DO_FLIGHTTERMINATION, 1) == 0
+    bench.run(1.0)
+    assert bench.commander.mode == "TERMINATION"
+    assert bench.core.setpoint["kind"] == 0
+
+
 @pytest.mark.parametrize(("action", "mode"), [(2, "HOLD"), (3, "RETURN"), (5, "LAND"), (4, "TERMINATION")])
 def test_leaving_the_geofence_distance_triggers_the_configured_action(bench: Bench, action: int, mode: str) -> None:
     put(bench, GF_ACTION=action, GF_MAX_HOR_DIST=20)
@@ -144,18 +169,24 @@ def test_leaving_the_geofence_distance_triggers_the_configured_action(bench: Ben
     assert bench.commander.mode == mode
 
 
-def test_geofence_action_lasts_until_another_mode_is_chosen(bench: Bench) -> None:
-    put(bench, GF_ACTION=3, GF_MAX_HOR_DIST=20, RTL_RETURN_ALT=6)
+@pytest.mark.parametrize(("action", "mode"), [(2, "HOLD"), (3, "RETURN")])
+def test_geofence_action_lasts_until_another_mode_is_chosen(bench: Bench, action: int, mode: str) -> None:
+    def push() -> None:
+        bench.client.velocity(6.0, 0.0, 0.0)
+
+    put(bench, GF_ACTION=action, GF_MAX_HOR_DIST=20, RTL_RETURN_ALT=6)
     bench.fly()
-    bench.client.velocity(6.0, 0.0, 0.0)
+    push()
     bench.client.mode(6)
-    bench.until(lambda: bench.commander.mode == "RETURN", 25, lambda: bench.client.velocity(6.0, 0.0, 0.0))
-    bench.until(lambda: bench.core.estimate["position_ned"][0] < 15.0, 25)
-    assert bench.commander.mode == "RETURN"  # although it is inside again
+    bench.until(lambda: bench.commander.mode == mode, 25, push)
+    if mode == "HOLD":
+        bench.core.estimate["position_ned"][0] = 14.0  # a gust
+    bench.until(lambda: bench.core.estimate["position_ned"][0] < 15.0, 25, push)
+    bench.run(1.0, push)
+    assert bench.commander.mode == mode  # although it is inside again
     assert fence_healthy(bench)
-    assert bench.client.mode(4, 3) == 0
+    assert bench.client.mode(4, 5) == 0
     bench.run(1.0)
-    assert bench.commander.mode == "HOLD"
     assert not bench.commander.in_failsafe
 
 

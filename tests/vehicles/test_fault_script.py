@@ -12,6 +12,7 @@ from tests.support.refusal import refusal
 from tests.vehicles.fleet import vehicle
 from vehicles.fault_script import load, parse
 from vehicles.faults import KINDS, PARTS, Fault
+from vehicles.sensors import Suite
 
 SCRIPT = """
 [[fault]]
@@ -31,6 +32,14 @@ kind = "weaken"
 from_s = 30
 value = 0.5
 """
+
+
+def test_a_gps_fault_that_exceeds_the_queue_together_with_the_delay_of_the_sensors_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "script.toml"
+    path.write_text('[[fault]]\npart = "gps"\nkind = "delay"\nvalue = 0.6\n', encoding="utf-8")
+    assert load(path, rotors=4)
+    with pytest.raises(UsageError, match=r"script.toml, entry 1: .*the delay must be 0 to 0\.\d+ s, not 0.6 s"):
+        load(path, 4, Suite().degraded(gps_delay_s=1.0))
 
 
 def test_a_file_is_parsed_into_its_faults(tmp_path: Path) -> None:

@@ -307,7 +307,7 @@ class Follow(Mode):
             # a target at rest has no course: keep the vehicle on its present side of the target
             here, angle = flight.state.position_ned, math.radians(flight.parameters["FLW_TGT_FA"])
             self._course = math.atan2(here[1] - now[1], here[0] - now[0]) - angle
-        share = dt / (float(flight.parameters["FLW_TGT_RS"]) + dt) if dt > 0.0 else 0.0
+        share = dt / (max(float(flight.parameters["FLW_TGT_RS"]), 0.0) + dt) if dt > 0.0 else 0.0
         s = self._seen
         self._seen = (s[0] + share * (now[0] - s[0]), s[1] + share * (now[1] - s[1]), s[2] + share * (now[2] - s[2]))
         if math.hypot(vn, ve) > COURSE_SPEED:
@@ -417,7 +417,7 @@ class Orbit(Mode):
             return
         inwards = shaped(sticks.forward, p, "MPC_XY_MAN_EXPO")
         self.radius -= inwards * STICK_RADIUS_RATE * dt
-        self.radius = min(max(self.radius, RADIUS_LEAST), float(p["MC_ORBIT_RAD_MAX"]))
+        self.radius = max(min(self.radius, float(p["MC_ORBIT_RAD_MAX"])), RADIUS_LEAST)
         most = speed_limit(self.radius)
         # a vehicle that looks at the centre and moves to its right circles counter-clockwise
         self.speed = min(

@@ -30,8 +30,10 @@ def within_circle(forward: float, right: float) -> tuple[float, float]:
 def super_expo(stick: float, expo: float, extra: float) -> float:
     """Return the deflection of a rate stick (-1 … 1) after the two expos of ACRO. Full deflection is unchanged.
 
-    `expo` and `extra` are MC_ACRO_EXPO and MC_ACRO_SUPEXPO (yaw: MC_ACRO_EXPO_Y and MC_ACRO_SUPEXPOY).
+    `expo` and `extra` are MC_ACRO_EXPO and MC_ACRO_SUPEXPO (yaw: MC_ACRO_EXPO_Y and MC_ACRO_SUPEXPOY). They are limited
+    to 0 … 1 and 0 … 0.99, as in PX4's Functions.hpp.
     """
+    expo, extra = min(max(expo, 0.0), 1.0), min(max(extra, 0.0), 0.99)
     x = (1.0 - expo) * stick + expo * stick**3
     return x * (1.0 - extra) / (1.0 - abs(stick) * extra)
 

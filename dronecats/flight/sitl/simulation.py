@@ -364,7 +364,9 @@ def build(make: Callable[..., V], world: World, config: SimulatorConfig) -> Simu
     """
     solid = obstacles(world.scene)
     frame = airframes.load(config.airframe)
-    faults = fault_script.load(Path(config.faults), len(frame.rotors)) if config.faults else ()
+    gps_delay_s = config.disturbances.gps_delay_s if config.disturbances else 0.0
+    suite = Suite().degraded(gps_delay_s=gps_delay_s)  # the delays of GPS faults add to it
+    faults = fault_script.load(Path(config.faults), len(frame.rotors), suite) if config.faults else ()
     poses, count = boot_poses(world), config.count
     while count is not None and len(poses) < count:  # each additional drone boots 2 m east of the previous one
         last = poses[-1].position_ned

@@ -143,6 +143,7 @@ def test_loss_of_the_sticks_in_flight_causes_a_return() -> None:
     bench.run(5.0)
     assert bench.commander.mode == "RETURN"  # NAV_RCL_ACT 2
     bench.autopilot.parameters.set("COM_RCL_EXCEPT", 2)
+    assert bench.client.mode(4, 3) == 0
     bench.run(0.5)
     assert bench.commander.mode == "HOLD"
 

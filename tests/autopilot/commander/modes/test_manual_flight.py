@@ -104,6 +104,7 @@ def test_stick_curves_are_odd_bounded_and_increasing(x: float) -> None:
         assert abs(y) <= 1.0 + 1e-12
         assert curve(-x) == pytest.approx(-y)
         assert curve(min(x + 0.01, 1.0)) >= y - 1e-12
+    assert super_expo(1.0, 0.0, 1.0) == super_expo(1.0, 0.0, 5.0) == pytest.approx(1.0)  # extra is limited
     assert shaped(1.0, P, "MPC_YAW_EXPO") == pytest.approx(1.0)
     assert shaped(0.1, P, "MPC_YAW_EXPO") == 0.0
 

@@ -158,6 +158,15 @@ def test_a_mission_cleared_in_flight_holds(bench: Bench) -> None:
     assert bench.client.mode(4, 4) == dialect.MAV_RESULT_TEMPORARILY_REJECTED
 
 
+def test_a_vehicle_that_cannot_fly_its_new_mission_returns(bench: Bench) -> None:
+    start(bench, [item(0, 22, z=5.0), item(1, north=200.0, z=5.0)])
+    bench.until(lambda: bench.commander.mission.current == 1, 30)
+    assert upload(bench.client, [item(0, north=11_000.0)]) == 0
+    assert any("first waypoint too far" in text for text in bench.client.texts())
+    bench.run(1.0)
+    assert bench.commander.mode == "RETURN"
+
+
 @pytest.mark.parametrize("far", [True, False])
 def test_missions_too_far_away_or_outside_the_geofence_are_rejected(bench: Bench, far: bool) -> None:
     if far:

@@ -56,6 +56,21 @@ def test_special_numbers_survive_a_restart(tmp_path: Path, numbers: tuple[float,
     assert wire(Bench(profile="minimal", plan_file=file), 0) == wire(bench, 0)
 
 
+def test_extreme_coordinates_survive_a_restart(tmp_path: Path) -> None:
+    file = tmp_path / "plans.json"
+    bench = Bench(profile="minimal", plan_file=file)
+    speed = item(0, dialect.MAV_CMD_DO_CHANGE_SPEED)
+    speed.x = speed.y = -(1 << 31)  # NaN as an integer on x86
+    assert upload(bench.client, [speed]) == ACCEPTED
+    assert wire(Bench(profile="minimal", plan_file=file), 0) == wire(bench, 0)
+
+
+def test_each_coordinate_of_a_place_is_checked() -> None:
+    waypoint = item(0)
+    waypoint.x, waypoint.y = (1 << 31) - 1, -(1 << 31)
+    assert upload(Bench(profile="minimal").client, [waypoint]) == dialect.MAV_MISSION_INVALID_PARAM6_Y
+
+
 def test_a_cleared_plan_stays_cleared_after_a_restart(tmp_path: Path) -> None:
     file = tmp_path / "plans.json"
     loaded(file).client.send(dialect.MAVLink_mission_clear_all_message(1, 1, dialect.MAV_MISSION_TYPE_FENCE))
