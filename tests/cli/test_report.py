@@ -160,6 +160,8 @@ METRICS = (
            of=lambda flown: flown.verdict.success),
     Metric(name="told_s", title="Told at", unit="s", level="step", better=None, definition="when it was told", paper="",
            of=lambda flown: [decision.t_decided for decision in flown.logs.decisions]),
+    Metric(name="quarter", title="Quarter", unit="share", level="step", better=None, definition="a quarter", paper="",
+           of=lambda flown: [0.25 for decision in flown.logs.decisions]),
 )
 """
 
@@ -170,6 +172,7 @@ def test_custom_metrics_have_a_table(place, capsys):
     lost, solved = last_object(capsys.readouterr().out)["tables"]["own"][::-1]
     assert (solved["approaching_half_percent"], solved["approaching_solved_percent"]) == (50.0, 100.0)
     assert (lost["approaching_solved_percent"], lost["approaching_told_s"]) == (0.0, 11.0)
+    assert lost["approaching_quarter_percent"] == 25.0
     with (place / "report" / "tables" / "own.csv").open(encoding="utf-8", newline="") as file:
         row = next(csv.DictReader(file))
     assert row["approaching_solved_percent_of"] == "2"

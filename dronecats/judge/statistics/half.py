@@ -3,13 +3,13 @@
 The model is a logistic fit with a random intercept for each group of trials (for example, an episode). The intercepts
 are distributed symmetrically, so the median group and the mean over all groups reach one half at the same place. The
 interval is a profile likelihood interval: all places at which the fit is not significantly worse than the best fit. It
-may be unbounded (Fieller's case). The limit of significance is a quantile of F with (1, groups - 1) degrees of freedom,
-because the chi-square quantile is too small for few groups, for example twenty.
+may be unbounded, or everything outside of a range (Fieller's cases). The limit of significance is a quantile of F with
+(1, groups - 1) degrees of freedom, because the chi-square quantile is too small for few groups, for example twenty.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -41,8 +41,10 @@ FLAT_WIDTH_RATIO = 0.25
 class HalfSuccess:
     where: Where  # "between": within the levels, but many places are equally good
     value: float | None  # the place, in the factor's unit; None: outside of the levels, or unknown
-    low: float  # lower end of the interval; -inf: below the lowest level, +inf: above the highest
-    high: float  # upper end, with the same infinities
+    # Ends of the interval; -inf: below the lowest level, +inf: above the highest. If low > high, the interval has the
+    # places from `low` up and those up to `high`: no slope is compatible with the trials, so the side is unknown.
+    low: float
+    high: float
     slope: float | None  # slope of the log odds per unit of the factor; None: the likelihood has no peak
     scatter: float | None  # standard deviation of the groups' intercepts, log odds; WIDEST means at least WIDEST
     p_slope: float  # p-value of the likelihood ratio test of no slope
@@ -70,20 +72,29 @@ def half_success(levels: Sequence[float] | Array, trials: Trials) -> HalfSuccess
     at, counted = _tried(levels, trials)
     if len(at) < 2:
         return None
+    middle, unit = _scale(at)
+    half = _half_success((at - middle) / unit, counted)
+    value = None if half.value is None else middle + unit * half.value
+    slope = None if half.slope is None else half.slope / unit
+    return replace(half, value=value, low=middle + unit * half.low, high=middle + unit * half.high, slope=slope)
+
+
+def _half_success(at: Array, counted: Trials) -> HalfSuccess:
+    """Return the place of half success for levels within -1 … 1."""
     groups, count = int((counted.trials.sum(axis=1) > 0).sum()), int(counted.trials.sum())
     successes = counted.successes.sum()
     if successes in (0, count):
         where: Where = "below all" if successes == 0 else "above all"
-        return HalfSuccess(where=where, value=None, low=math.inf if successes else -math.inf,
-                           high=math.inf if successes else -math.inf, slope=None, scatter=None, p_slope=1.0,
-                           p_straight=None, groups=groups, trials=count)  # fmt: skip
+        return HalfSuccess(where=where, value=None, low=math.inf, high=-math.inf, slope=None, scatter=None,
+                           p_slope=1.0, p_straight=None, groups=groups, trials=count)  # fmt: skip
     line = _Line(at, counted)
     fitted, flat = line.best, fit(np.ones((len(at), 1)), counted)
     p_slope = _ratio(fitted.log_likelihood - flat.log_likelihood, 1)
     gap = _gap(at, counted)
     value = sum(gap) / 2 if gap else line.half
     limit = float(special.fdtri(1, groups - 1, CONFIDENCE)) if groups > 1 else math.inf
-    low, high = line.interval(value, limit)
+    can_be_flat = 2.0 * (fitted.log_likelihood - flat.log_likelihood) <= limit
+    low, high = line.interval(value, limit, can_be_flat=can_be_flat)
     peak = covariance(_design(at), counted, fitted) is not None
     where = "no slope" if (low, high) == (-math.inf, math.inf) else _where(value, at, fitted)
     if where == "within" and (gap or line.flat(value)):
@@ -112,17 +123,20 @@ def success_curve(levels: Sequence[float] | Array, trials: Trials, places: int =
         return None
     if _gap(at, counted):
         return None
+    middle, unit = _scale(at)
+    at = (at - middle) / unit
     fitted = fit(_design(at), counted)
-    x = np.linspace(at.min(), at.max(), places)
+    x = np.linspace(-1.0, 1.0, places)
     shares = share(_design(x) @ fitted.coefficients, fitted.scatter)
     spread = covariance(_design(at), counted, fitted)
     if spread is None:
-        return SuccessCurve(x, shares, np.full(places, math.nan), np.full(places, math.nan))
+        return SuccessCurve(middle + unit * x, shares, np.full(places, math.nan), np.full(places, math.nan))
     # derivatives of the curve's log odds, (places, 3)
     slopes = np.stack([_curve_derivative(x, fitted, k) for k in range(3)], axis=1)
     error = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slopes, spread, slopes)))
     odds, reach = special.logit(shares), float(special.ndtri(0.5 + CONFIDENCE / 2))
-    return SuccessCurve(x, shares, special.expit(odds - reach * error), special.expit(odds + reach * error))
+    low, high = special.expit(odds - reach * error), special.expit(odds + reach * error)
+    return SuccessCurve(middle + unit * x, shares, low, high)
 
 
 class _Line:
@@ -144,16 +158,24 @@ class _Line:
         held = fit((self._at - place)[:, None], self._trials, begin=begin)
         return max(0.0, 2.0 * (self.best.log_likelihood - held.log_likelihood))
 
-    def interval(self, value: float, limit: float) -> tuple[float, float]:
-        """Return the interval of places around `value` that lose at most `limit`.
+    def interval(self, value: float, limit: float, *, can_be_flat: bool) -> tuple[float, float]:
+        """Return the interval of places around `value` that lose at most `limit`. `can_be_flat`: so does a flat line.
 
         An end is infinite if the interval reaches the lowest or highest level. Both ends are the same infinity if every
-        place within the levels loses more.
+        place within the levels loses more. A flat line is the limit of lines that cross one half far below or far above
+        the levels, so if it is possible, both sides are: then low > high, unless all places are possible.
         """
         least, most = float(self._at.min()), float(self._at.max())
         places = np.unique(np.append(np.linspace(least, most, PLACES), np.clip(value, least, most)))
         places = places[np.isfinite(places)]
         fine = np.array([self.worse(place) <= limit for place in places])
+        if can_be_flat:
+            if fine.all():
+                return -math.inf, math.inf
+            first, last = np.flatnonzero(~fine)[[0, -1]]
+            high = -math.inf if first == 0 else self._edge(places[first], places[first - 1], limit)
+            low = math.inf if last == len(places) - 1 else self._edge(places[last], places[last + 1], limit)
+            return low, high
         if not fine.any():
             beyond = math.inf if value > most else -math.inf
             return beyond, beyond
@@ -186,7 +208,7 @@ class _Line:
         return high - low
 
     def _edge(self, outside: float, inside: float, limit: float) -> float:
-        return float(optimize.brentq(lambda place: self.worse(place) - limit, outside, inside, xtol=1e-4))
+        return float(optimize.brentq(lambda place: self.worse(place) - limit, outside, inside, xtol=1e-6))
 
 
 def _tried(levels: Sequence[float] | Array, trials: Trials) -> tuple[Array, Trials]:
@@ -196,6 +218,11 @@ def _tried(levels: Sequence[float] | Array, trials: Trials) -> tuple[Array, Tria
         raise ValueError("levels must have one number for each column of the trials")
     order = [k for k in np.argsort(at) if trials.trials[:, k].any()]
     return at[order], Trials(trials.successes[:, order], trials.trials[:, order])
+
+
+def _scale(at: Array) -> tuple[float, float]:
+    """Return the middle and half the range of rising levels. The fit stops early if the levels are far from 0."""
+    return float(at[0] + at[-1]) / 2, float(at[-1] - at[0]) / 2
 
 
 def _design(at: Array) -> Array:
@@ -212,8 +239,6 @@ def _gap(at: Array, trials: Trials) -> tuple[float, float] | None:
 
 
 def _where(value: float, at: Array, fitted: MixedLogit) -> Where:
-    if not math.isfinite(value):
-        return "no slope"
     if at[0] <= value <= at[-1]:
         return "within"
     middle = fitted.coefficients[0] + fitted.coefficients[1] * at.mean()

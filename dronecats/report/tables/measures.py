@@ -114,7 +114,9 @@ def grounding(entrant: Entrant) -> Cells | None:
 
 
 def _share(values: Sequence[float]) -> TableCell:
-    """Return the share (%) of steps whose value is 1. All values are 0 or 1."""
+    """Return the mean (%) of values from 0 to 1. If all are 0 or 1, it is the share of ones, with the counts."""
+    if not set(values) <= {0.0, 1.0}:
+        return TableCell(value=PERCENT * statistics.fmean(values), of=len(values))
     return fraction(int(sum(values)), len(values))
 
 

@@ -133,10 +133,12 @@ def _draw_fit(axis: Any, along: FactorFindings, fit: HalfSuccessFit, number: int
     half, levels = fit.half, [float(level) for level in along.factor.levels]
     if half.where not in ("within", "between"):
         return
-    low, high = max(half.low, min(levels)), min(half.high, max(levels))
-    if alone or half.value is None:
-        axis.plot([low, high], [50.0, 50.0], color=panels.colour(number), linewidth=3.0, alpha=0.55,
-                  solid_capstyle="butt", zorder=2)  # fmt: skip
+    least, most = min(levels), max(levels)
+    spans = [(half.low, half.high)] if half.low <= half.high else [(least, half.high), (half.low, most)]
+    for low, high in spans if alone or half.value is None else ():
+        if low <= most and high >= least:
+            axis.plot([max(low, least), min(high, most)], [50.0, 50.0], color=panels.colour(number), linewidth=3.0,
+                      alpha=0.55, solid_capstyle="butt", zorder=2)  # fmt: skip
     if half.value is not None and math.isfinite(half.value):
         axis.plot([half.value], [50.0], "|", color=panels.colour(number), markersize=9, markeredgewidth=1.6, zorder=4)
 

@@ -121,15 +121,14 @@ def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
     """Return the interval of the half-success level as text; "below …" or "above …" for ends outside of the levels."""
     levels = [float(level) for level in factor.levels]
     least, most = factor.label(min(levels)), factor.label(max(levels))
-    if half.scatter is None:  # all succeed or all fail, so that nothing was fitted
-        return "outside of the levels"
-    if half.low == math.inf:
-        return f"above {most}"
-    if half.high == -math.inf:
-        return f"below {least}"
-    low = f"below {least}" if half.low == -math.inf else factor.label(_three_digits(half.low))
-    high = f"above {most}" if half.high == math.inf else factor.label(_three_digits(half.high))
-    return f"{low} to {high}"
+    beyond = {-math.inf: f"below {least}", math.inf: f"above {most}"}
+    low, high = (beyond.get(end) or factor.label(_three_digits(end)) for end in (half.low, half.high))
+    if half.low > half.high:  # the side is unknown
+        if math.isinf(half.low) and math.isinf(half.high):
+            return "outside of the levels"
+        below = high if math.isinf(half.high) else f"up to {high}"
+        return f"{below}, or {low if math.isinf(half.low) else f'{low} and more'}"
+    return low if half.low == half.high else f"{low} to {high}"
 
 
 def scatter_value(half: HalfSuccess) -> str | float | None:

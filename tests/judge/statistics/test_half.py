@@ -62,8 +62,9 @@ def test_the_linearity_test_accepts_linear_and_rejects_curved_data():
 @pytest.mark.parametrize(
     ("shares", "where", "low", "high"),
     [
-        ((1.0, 1.0, 1.0), "above all", math.inf, math.inf),
-        ((0.0, 0.0, 0.0), "below all", -math.inf, -math.inf),
+        ((1.0, 1.0, 1.0), "above all", math.inf, -math.inf),  # on an unknown side of the levels
+        ((0.0, 0.0, 0.0), "below all", math.inf, -math.inf),
+        ((0.9, 0.9, 0.9), "above all", math.inf, -math.inf),
         ((0.95, 0.9, 0.8), "above all", math.inf, math.inf),
         ((0.2, 0.1, 0.05), "below all", -math.inf, -math.inf),
         ((0.05, 0.1, 0.2), "below all", math.inf, math.inf),  # the share rises: half success is above all levels
@@ -73,6 +74,36 @@ def test_there_is_no_value_outside_the_levels(shares, where, low, high):
     half = half_success([0.0, 1.0, 2.0], of(*shares))
     assert half is not None
     assert (half.where, half.value, half.low, half.high) == (where, None, low, high)
+
+
+@pytest.mark.parametrize("shift", [10.0, 100.0])
+def test_levels_far_from_zero_give_the_same_fit(shift):
+    for seed in range(4):
+        trials = simulated(seed, groups=20, flights=1)
+        near, far = (half_success(np.asarray(LEVELS) + by, trials) for by in (0.0, shift))
+        assert near is not None
+        assert far is not None
+        assert near.where == far.where
+        assert (far.low - shift, far.high - shift) == pytest.approx((near.low, near.high), abs=1e-3)
+        assert (far.p_slope, far.slope) == pytest.approx((near.p_slope, near.slope), rel=1e-2)
+
+
+def test_a_curve_over_large_levels_has_the_interval_of_the_same_curve_over_small_ones():
+    trials = of(0.4, 0.8)
+    small, large = (success_curve([57.6 * by, 921.6 * by], trials) for by in (1.0, 1000.0))
+    assert small is not None
+    assert large is not None
+    assert np.isfinite(large.low).all()
+    assert large.low == pytest.approx(small.low)
+    assert large.high == pytest.approx(small.high)
+
+
+def test_without_a_significant_slope_the_interval_reaches_beyond_both_ends():
+    trials = of(0.5, 0.75, groups=10, flights=2)
+    half = half_success([0.0, 1.0], trials)
+    assert half is not None
+    assert half.p_slope > 0.05
+    assert half.low > half.high or (half.low, half.high) == (-math.inf, math.inf)
 
 
 def test_perfectly_separated_data_give_an_interval_between_two_levels_but_no_value():

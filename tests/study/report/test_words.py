@@ -46,7 +46,10 @@ def test_an_interval_is_reported_outside_the_levels_only_if_all_of_it_is_outside
     for low, high, scatter, ends in (
         (1.75, math.inf, 12.0, ["1.75 s", "2 s"]),  # without a best slope the interval still begins within
         (-math.inf, 1.25, 12.0, ["0.25 s", "1.25 s"]),
-        (math.inf, math.inf, None, []),  # all succeed: nothing is fitted
+        (math.inf, -math.inf, None, []),  # all succeed: nothing is fitted
+        (math.inf, -math.inf, 1.0, []),
+        (1.75, -math.inf, 1.0, ["0.25 s", "1.75 s"]),  # no slope is possible, so the side is unknown
+        (math.inf, 1.25, 1.0, ["1.25 s", "2 s"]),
         (math.inf, math.inf, 1.0, ["2 s"]),
         (-math.inf, -math.inf, 1.0, ["0.25 s"]),
     ):
