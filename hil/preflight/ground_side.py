@@ -110,7 +110,7 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
     """Return the row of a camera, measured for `seconds` of wall time; `keep_up` serves the link meanwhile."""
     from hil.cameras.open import open_camera
 
-    frames: list[Frame] = []
+    newest: Frame | None = None
     fetch_s: list[float] = []
     age_s: list[float] = []
     try:
@@ -122,17 +122,18 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
                 began_fetch_s = time.monotonic()
                 frame = camera.newest()
                 fetch_s.append(time.monotonic() - began_fetch_s)
-                if not frames or frame.frame_id != frames[-1].frame_id:
+                if newest is None or frame.frame_id != newest.frame_id:
                     age_s.append((now_us() - frame.time_us) * 1e-6)
-                    frames.append(frame)
+                    newest = frame  # only the newest, because all images of ten minutes do not fit into memory
                 keep_up()
             took_s = time.monotonic() - began_s
         finally:
             camera.close()
     except CameraError as error:
         return Row(CAMERA, False, str(error), "check it with: dronecats camera check URL")
-    height, width = frames[-1].image_rgb.shape[:2]
-    rate, age, fetch = len(frames) / took_s, statistics.median(age_s), statistics.median(fetch_s)
+    assert newest is not None
+    height, width = newest.image_rgb.shape[:2]
+    rate, age, fetch = len(age_s) / took_s, statistics.median(age_s), statistics.median(fetch_s)
     why = f"{width}×{height}, {rate:.1f} new frames a second, fetched in {1e3 * fetch:.0f} ms"
     why += f", {1e3 * age:.0f} ms old when here" if age > 1e-3 else ", stamped on arrival"
     if rate < FRAME_RATE_LEAST or not -FRAME_AGE_MOST <= age <= FRAME_AGE_MOST:
