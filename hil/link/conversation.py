@@ -245,6 +245,7 @@ class Conversation:
         if kind == VERSION:
             self.firmware = firmware(message)
             return
+        stamp_us: int | None = self.clock.time_us
         if kind in STAMPED:
             before_us = self.time_us
             self.clock.see(message.time_boot_ms, self._time_s())
@@ -252,13 +253,15 @@ class Conversation:
                 self.state, self._gap_us = VehicleState(), self.time_us
             elif self.time_us - before_us > GAP_US:
                 self._gap_us = self.time_us
+            stamp_us = self.clock.of(message.time_boot_ms)
+        if stamp_us is None:
+            return
         if kind == GIMBAL:
             pitch = quat_to_euler(quat_normalized(tuple(message.q)))[1]
-            self.track.gimbal(self.clock.of(message.time_boot_ms), pitch)
+            self.track.gimbal(stamp_us, pitch)
             return
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
-        stamp_us = self.clock.of(message.time_boot_ms) if kind in STAMPED else self.clock.time_us
         before = self.state
         self.state = update(before, message, stamp_us, self.time_us)
         if kind in STAMPED:

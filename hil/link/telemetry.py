@@ -133,10 +133,16 @@ class VehicleClock:
         lasts = received_s is None or doubt.since_s is None or received_s - doubt.since_s >= CONFIRMED_S
         return lasts and self._doubt.seen >= CONFIRMED
 
-    def of(self, time_boot_ms: int) -> int:
-        """Return the time (µs, vehicle clock) of a stamp that was just seen. It may be before `time_us`."""
+    def of(self, time_boot_ms: int) -> int | None:
+        """Return the time (µs, vehicle clock) of a stamp that was just seen. It may be before `time_us`.
+
+        None: the message must be ignored, because its stamp is older than the newest by more than LATE_MS. After a
+        reboot, this ends when the reboot is confirmed.
+        """
         late_ms = 0 if self._last_ms is None else _between(time_boot_ms, self._last_ms)
-        return self.time_us - late_ms * 1000 if 0 <= late_ms <= LATE_MS else self.time_us
+        if late_ms > LATE_MS:
+            return None
+        return self.time_us - max(late_ms, 0) * 1000
 
 
 def _between(earlier_ms: int, later_ms: int) -> int:
