@@ -173,8 +173,9 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
     """Return the admitted setpoint for a place.
 
     A place beyond a limit is moved inside. If the place, or the way to the place, enters an exclusion or its margin,
-    the vehicle keeps its present north and east. If the autopilot would fly or turn faster than the limits allow, a
-    velocity setpoint towards the place and the heading replaces the setpoint.
+    the vehicle keeps its present north and east. A velocity setpoint towards the place and the heading replaces the
+    setpoint if the autopilot would fly or turn faster than the limits allow. It also replaces the setpoint inside an
+    exclusion, which the vehicle leaves over the nearest edge.
     """
     limited: list[str] = []
     north, east, down = (p - h for p, h in zip(setpoint.position_ned, home, strict=True))
@@ -193,7 +194,8 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
     turned = wrap_pi(setpoint.yaw - yaw)
     fast, steep = math.hypot(*away[:2]) * PLACE_GAIN > limits.speed, abs(away[2]) * PLACE_GAIN > limits.climb
     spins = abs(turned) * HEADING_GAIN > limits.yaw_rate
-    if fast or steep or spins:
+    is_excluded = any(contains(polygon, (at[0], at[1])) for polygon in limits.exclusions)
+    if fast or steep or spins or is_excluded:
         share = limits.speed / math.hypot(*away[:2]) if fast else PLACE_GAIN
         down = max(-limits.climb, min(limits.climb, away[2] * PLACE_GAIN))
         c, s = math.cos(yaw), math.sin(yaw)

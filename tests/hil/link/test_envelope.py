@@ -120,6 +120,24 @@ def test_a_vehicle_beyond_the_radius_flies_back():
     assert path[-1][0] <= 8.0
 
 
+@pytest.mark.parametrize("held_north", [1.9, 5.0, 8.1])
+def test_a_holding_vehicle_inside_an_exclusion_zone_leaves_over_the_nearest_edge(held_north):
+    target = PositionSetpoint((held_north + HOME[0], HOME[1], -2.5 + HOME[2]), 0.0)
+    for at_north, nearest_north in ((3.2, 3.0), (6.8, 7.0)):
+        path = fly(target, Limits(exclusions=(SQUARE,)), 10.0, at=(at_north, 0.0, -2.5))
+        left = next((place for place in path if not contains(SQUARE, place[:2])), None)
+        assert left == pytest.approx((nearest_north, 0.0, -2.5), abs=0.05)
+        assert not contains(SQUARE, path[-1][:2])
+
+
+def test_the_setpoint_that_leaves_an_exclusion_zone_is_reported():
+    target = PositionSetpoint((1.9 + HOME[0], HOME[1], -2.5 + HOME[2]), 0.0)
+    admitted = admit(target, state((3.2, 0.0, -2.5)), HOME, Limits(exclusions=(SQUARE,)), 0)
+    assert isinstance(admitted.setpoint, VelocitySetpoint)
+    assert admitted.setpoint.velocity_body == pytest.approx((-0.5, 0.0, 0.0))
+    assert admitted.limited == ("exclusion",)
+
+
 def test_speed_climb_and_yaw_rate_are_clamped_and_reported():
     limits = Limits(speed=1.0, climb=0.5, yaw_rate=0.5)
     admitted = admit(VelocitySetpoint((3.0, 4.0, -2.0), -2.0), state((0, 0, -5.0)), HOME, limits, 0)
