@@ -6,14 +6,14 @@ OFFBOARD, the pre-arm check passes only if setpoints arrive (measured on 1.15; o
 
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from foundation.errors import DronecatsError, LinkError, UsageError
 from foundation.mavlink import dialect
 from foundation.setpoints import Velocity
-from hil.link.link import Link
+from hil.link.link import Link, TakeoverError
 from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
 from hil.preflight.observation import Change, Finding, Observation, Row, RuleResult, Watch, bad, good
@@ -106,6 +106,32 @@ def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check
     return replace(before, values={**before.values, **parameters.read_many(change.name for change in changes)})
 
 
+class _ArmedError(UsageError):
+    """The vehicle is armed."""
+
+
+def _refuse_armed(link: Link) -> None:
+    if link.state.armed:
+        raise _ArmedError("the vehicle is armed. Disarm it, and run this again")
+
+
+@contextlib.contextmanager
+def _only_disarmed(link: Link) -> Iterator[None]:
+    """Raise _ArmedError if the vehicle is armed, and from the link's waits as soon as it is armed meanwhile."""
+    before = link.on_wait
+
+    def on_wait() -> None:
+        before()
+        _refuse_armed(link)
+
+    _refuse_armed(link)
+    link.on_wait = on_wait
+    try:
+        yield
+    finally:
+        link.on_wait = before
+
+
 REHEARSAL = "offboard rehearsal"
 STREAM_S = 2.0  # s of vehicle time for which setpoints are sent before the switch to OFFBOARD
 SHOWN_S = 3.0  # s to wait until telemetry shows a change; some links show it only once a second, in HEARTBEAT
@@ -115,21 +141,37 @@ ZERO_VELOCITY = Velocity(forward=0.0, up=0.0)
 def rehearse(link: Link) -> Row:
     """Send a velocity of zero, switch to OFFBOARD, wait for the mode, go back to HOLD; return the result as a row.
 
-    Never arms, and does nothing with an armed vehicle. Raises LinkError if the vehicle is gone.
+    Never arms, and does nothing with an armed vehicle. If the vehicle is armed meanwhile, sends no more setpoints and
+    mode orders. Raises LinkError if the vehicle is gone.
     """
     if link.state.armed:
         return Row(REHEARSAL, False, "not done: the vehicle is armed", "disarm the vehicle first")
+    try:
+        with _only_disarmed(link):
+            return _rehearse_disarmed(link).named(REHEARSAL)
+    except (_ArmedError, TakeoverError):
+        return Row(
+            REHEARSAL,
+            False,
+            f"ended, because the vehicle was armed meanwhile; its mode is {link.state.mode}",
+            "disarm the vehicle, leave it disarmed, and run this again",
+        )
+
+
+def _rehearse_disarmed(link: Link) -> RuleResult:
     link.fly(ZERO_VELOCITY)
     try:
         link.wait(STREAM_S)
-        return _switch(link).named(REHEARSAL)
+        return _switch(link)
     finally:
         link.stop_stream()
-        with contextlib.suppress(DronecatsError):  # an error of the test itself is more useful than this one
-            link.set_mode("HOLD")
+        if not link.state.armed and link.taken_by is None:
+            with contextlib.suppress(DronecatsError):  # an error of the test itself is more useful than this one
+                link.set_mode("HOLD")
 
 
 def _switch(link: Link) -> RuleResult:
+    _refuse_armed(link)
     try:
         link.set_mode("OFFBOARD")
     except LinkError as refusal:
@@ -143,6 +185,7 @@ def _switch(link: Link) -> RuleResult:
         )
     would_arm = _would_arm(link)
     link.stop_stream()
+    _refuse_armed(link)
     try:
         link.set_mode("HOLD")
     except LinkError as refusal:
