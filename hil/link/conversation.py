@@ -81,6 +81,7 @@ COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
 KEY_TRIES = 5
 AGAIN_S = 0.5  # s of vehicle time before a temporarily rejected command is sent again
+HEARTBEAT_TICKS = 100  # ticks to wait for a heartbeat, 5 s at 20 Hz; PX4 sends one a second
 WORDS_S = 0.3  # s of vehicle time to wait for the text with the reason for a refusal
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
@@ -353,6 +354,7 @@ class Conversation:
 
         Raises LinkError for an armed vehicle, and for a vehicle that does not sign afterwards.
         """
+        self.await_heartbeat()  # the vehicle may have been armed while the user read the prompt
         if self.state.armed:
             raise LinkError("an armed vehicle accepts no key. Disarm it first")
         message = dialect.MAVLink_setup_signing_message(
@@ -385,6 +387,19 @@ class Conversation:
         """Process what has already arrived, without waiting."""
         while self._receive(0.0):
             pass
+
+    def await_heartbeat(self) -> None:
+        """Process what has already arrived, then wait for a later heartbeat, so that the state is not an old one.
+
+        Raises LinkError if no heartbeat comes within HEARTBEAT_TICKS.
+        """
+        self.listen()
+        known_us = self.state.heartbeat_us
+        for _ in range(HEARTBEAT_TICKS):  # not a time, because the vehicle's clock jumps after a pause of our program
+            if self.state.heartbeat_us > known_us:
+                return
+            self.tick()
+        raise LinkError(f"the vehicle on {self.transport.url} sends telemetry, but no heartbeat")
 
     def tick(self) -> None:
         """Wait until a tick of vehicle time has passed, then send what is due. Raises LinkError."""

@@ -95,14 +95,15 @@ def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
 def apply_changes(link: Link, before: Check, changes: Sequence[Change]) -> Check:
     """Set the parameters, read each one back, and return the check with the new values.
 
-    Raises LinkError with the first parameter that could not be set; the changes before it stay in effect. Raises
-    UsageError for an armed vehicle.
+    Raises LinkError with the first parameter that could not be set, and UsageError for a vehicle that is armed before
+    or meanwhile. The changes before stay in effect.
     """
-    if link.state.armed:
-        raise UsageError("the vehicle is armed; parameters are changed only on a disarmed vehicle: disarm it first")
+    link.await_heartbeat()  # the vehicle may have been armed while the user read the proposal
     parameters = Parameters(link)
-    for change in changes:
-        parameters.set(change.name, change.new)
+    with _only_disarmed(link):
+        for change in changes:
+            _refuse_armed(link)
+            parameters.set(change.name, change.new)
     return replace(before, values={**before.values, **parameters.read_many(change.name for change in changes)})
 
 

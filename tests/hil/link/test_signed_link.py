@@ -181,3 +181,25 @@ def test_no_key_is_sent_to_an_armed_vehicle():
     link.wait(1.5)
     with pytest.raises(LinkError, match="armed"):
         link.give_key(KEY)
+
+
+def test_no_key_is_sent_to_a_vehicle_that_was_armed_since_the_last_message():
+    vehicle = ScriptedVehicle()
+    vehicle.armed = False
+    link = link_to(vehicle, key=b"")
+    link.connect(10.0)
+    link.wait(1.5)
+    vehicle.armed = True
+    with pytest.raises(LinkError, match="armed"):
+        link.give_key(KEY)
+    assert not link.has_key
+
+
+def test_a_vehicle_that_sends_no_heartbeat_gets_no_key():
+    vehicle = ScriptedVehicle()
+    link = link_to(vehicle, key=b"")
+    link.connect(10.0)
+    vehicle.silent.add(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+    with pytest.raises(LinkError, match="no heartbeat"):
+        link.give_key(KEY)
+    assert not link.has_key

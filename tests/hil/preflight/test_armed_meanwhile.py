@@ -2,9 +2,11 @@
 
 import pytest
 
-from foundation.mavlink import dialect
+from foundation.errors import UsageError
+from foundation.mavlink import MODES, dialect
 from hil.link.link import Link
-from hil.preflight.check import rehearse
+from hil.preflight.check import Check, apply_changes, rehearse
+from hil.preflight.observation import Change, Observation, Row
 from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
@@ -71,3 +73,38 @@ def test_a_rehearsal_that_fails_returns_a_disarmed_vehicle_to_hold():
     row = rehearse(link)
     assert row.passed is False
     assert (vehicle.mode, vehicle.armed) == ("HOLD", False)
+
+
+CHANGES = [Change("COM_OBL_RC_ACT", 0, 5, "because"), Change("COM_OF_LOSS_T", 1.0, 0.5, "because")]
+
+
+def empty_check():
+    return Check(Observation(), {}, None, Row("rehearsal", True, ""), ())
+
+
+def test_no_parameter_is_set_on_a_vehicle_that_was_armed_since_the_last_message(meet):
+    autopilot, link = meet()
+    on_wait = link.on_wait
+    link.wait(1.0)
+    assert not link.state.armed
+    autopilot.armed = True
+    with pytest.raises(UsageError, match="armed"):
+        apply_changes(link, empty_check(), CHANGES)
+    assert "PARAM_SET" not in autopilot.message_types
+    assert link.on_wait is on_wait
+
+
+def test_no_more_parameters_are_set_on_a_vehicle_that_is_armed_after_the_first_one(meet):
+    autopilot, link = meet()
+    set_parameter = autopilot._set
+
+    def set_and_arm(message):
+        autopilot.armed = True
+        autopilot._send(dialect.MAVLink_heartbeat_message(2, 12, 128, MODES["HOLD"].custom_mode, 3, 3))
+        set_parameter(message)
+
+    autopilot._set = set_and_arm
+    with pytest.raises(UsageError, match="armed"):
+        apply_changes(link, empty_check(), CHANGES)
+    assert autopilot.parameters["COM_OF_LOSS_T"] == 1.0
+    assert autopilot.message_types.count("PARAM_SET") == 1
