@@ -116,10 +116,7 @@ def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequ
     try:
         flight = JudgedFlight.read(folder, delta_m)
     except UsageError as damage:
-        return ScoredEpisode(
-            run=run, folder=folder, episode=folder.resolve().name, map="", cell="", verdict=None, values={},
-            error=str(damage),
-        )  # fmt: skip
+        return _damaged_episode(run, folder, str(damage))
     verdict, values = flight.verdict, values_of(flight, metrics)
     return ScoredEpisode(
         run=run,
@@ -137,6 +134,22 @@ def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequ
         usage=_usage(flight.logs.decisions, flight.folder),
         record_sha256=record_digest(flight.record) if flight.record else "",
         served=served(folder),
+    )
+
+
+def _damaged_episode(run: RecordedRun, folder: Path, error: str) -> ScoredEpisode:
+    """Return an episode with damaged logs. Its record, if readable, says in which cell it is counted as not scored."""
+    record = json_object(folder / layout.EPISODE) or {}
+    return ScoredEpisode(
+        run=run,
+        folder=folder,
+        episode=str(record.get("id", folder.resolve().name)),
+        map=str(record.get("map", "")),
+        cell=str(record.get("cell", "")),
+        verdict=None,
+        values={},
+        error=error,
+        record_sha256=record_digest(record) if record else "",
     )
 
 

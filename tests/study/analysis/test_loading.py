@@ -48,6 +48,12 @@ def test_every_flight_has_its_levels_and_its_pair(study_folder):
     assert len(pairs) * 3 == len(studied.flights)
 
 
+def test_a_damaged_log_adds_no_cell_to_the_study(changed):
+    log = changed / "vision-latency-1-f2" / TRACKING[0] / "truth.jsonl"
+    log.write_text("{}\n" + log.read_text())
+    assert load_results(changed).cells == ("approaching", "tracking")
+
+
 @pytest.mark.parametrize(
     ("fields", "parts"),
     [({"code_sha256": "b" * 64}, "code.*b{8}"), ({"prompt_sha256": "d" * 64}, "prompt.*d{8}"),
