@@ -59,7 +59,7 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     last = last_action(logs, cap_s) if logs.true else None
     verdict = judge(declared, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
     estimated = distances(logs, delta_m, cap_s)
-    error = None if verdict.success else reasons(verdict.unknown) or ending(logs) or gaps(logs)
+    error = None if verdict.success else reasons(verdict.unknown) or ending(logs, cap_s) or gaps(logs)
     end = logs.end
     # a flight that ended at its own cap below CAP_S counts as if it had lasted for CAP_S
     asked_cap_s = max((logs.begin and logs.begin.cap_s) or CAP_S, CAP_S)
@@ -136,12 +136,13 @@ def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], de
 LATE_S = 5.0
 
 
-def ending(logs: Logs) -> str | None:
-    """Return the reason why the log does not show a complete episode; None if it does.
+def ending(logs: Logs, cap_s: float = CAP_S) -> str | None:
+    """Return the reason why the log does not show a complete episode up to `cap_s`; None if it does.
 
     The episode must have begun, something must be measured, and the logger must have seen the end. A flight that ended
     at its cap must have decisions, or a commander that was asked and was too slow. A flight that ended as decided must
-    have a declaration that qualifies at RADIUS_M, the radius used during the flight.
+    have a declaration that qualifies at RADIUS_M, the radius used during the flight. A flight that ended for any other
+    reason must be judged at a cap below its own, and must have a decision after that cap.
     """
     if logs.begin is None:
         return "the episode never began"
@@ -154,11 +155,13 @@ def ending(logs: Logs) -> str | None:
     if reason == "decided":
         good = any(d.qualifies(RADIUS_M) for d in declarations(logs))
         return None if good else f"the flight ended early as decided, but no declaration in {DECISIONS} qualifies"
+    own_cap_s = logs.begin.cap_s or (CAP_S if logs.true else 0.0)  # an older log: an episode lasts CAP_S
     if reason != "cap":
-        return logs.end.error or reason
-    cap_s = logs.begin.cap_s or (CAP_S if logs.true else 0.0)  # an older log: an episode lasts CAP_S
-    if ended_s < cap_s - LATE_S:
-        return f"the log says that the flight ended at its cap of {cap_s:g} s, but it ends at {ended_s:g} s"
+        # a later decision shows that the reply under way at `cap_s` came; without it, the endpoint may have been dead
+        is_complete = cap_s < own_cap_s and any(d.t_decided > cap_s for d in logs.decisions)
+        return None if is_complete and ended_s >= cap_s else logs.end.error or reason
+    if ended_s < own_cap_s - LATE_S:
+        return f"the log says that the flight ended at its cap of {own_cap_s:g} s, but it ends at {ended_s:g} s"
     if not logs.decisions and not logs.only_commander_asked:
         return f"the flight lasted to its cap, but {DECISIONS} is empty"
     return None

@@ -276,3 +276,19 @@ def test_a_flight_decided_after_a_shorter_cap_is_not_censored_at_that_cap():
     assert [judged_flight.outcome(to_its_cap, 2.0, cap_s).outcome for cap_s in (200.0, 300.0, 600.0)] == [
         "failure", "failure", "censored",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("reason", ["interrupted", "takeover", "error"])
+def test_a_flight_that_ended_abnormally_after_a_shorter_cap_is_a_failure_at_that_cap(reason):
+    rows = [decision(0, 0, 199.0, "go"), decision(1, 1, 301.0, "go")], [frame(0, 198.5, 9.0), frame(1, 300.5, 9.0)]
+    broken = logs(*rows, begin={**BEGIN, "cap_s": 600.0}, end={**END, "reason": reason, "t": 450.0})
+    assert [judged_flight.outcome(broken, 5.0, cap_s).outcome for cap_s in (200.0, 300.0, 400.0, 600.0)] == [
+        "failure", "failure", "error", "error",
+    ]  # fmt: skip
+    assert not judged_flight.outcome(broken, 5.0, 300.0).censored
+
+
+def test_a_flight_that_waited_beyond_its_own_cap_for_a_reply_that_never_came_is_an_error():
+    dead = {**END, "reason": "error", "t": 330.0, "error": "the model has not answered"}
+    verdict = judged_flight.outcome(logs([decision(0, 0, 199.0, "go")], [frame(0, 198.5, 9.0)], end=dead))
+    assert (verdict.outcome, verdict.error) == ("error", "the model has not answered")
