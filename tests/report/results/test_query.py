@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import recorded_runs
 from dronecats.report.results import database
@@ -50,8 +51,8 @@ def test_the_tables_match_the_logs(runs):
     logs = RecordedFlight.read(runs / "oracle" / EPISODES[1]).logs
     where = f"run = 'oracle' AND episode = '{EPISODES[1]}'"
     steps = ask(f"SELECT * FROM steps WHERE {where}", runs)
-    assert [(s["drone_index"], s["step"], s["frame_id"], s["tokens_out"]) for s in steps] == [
-        (d.drone, d.step, d.frame_id, d.tokens_out) for d in logs.decisions
+    assert [(s["drone_index"], s["step"], s["frame_id"], s["reply"]) for s in steps] == [
+        (d.drone, d.step, d.frame_id, d.reply) for d in logs.decisions
     ]
     assert [s["distance_m"] for s in steps] == [logs.frames[d.drone, d.frame_id].distance_m for d in logs.decisions]
     assert {(s["action"], s["point_x"], s["depth_m"]) for s in steps} == {("go", 500.0, 12.5), ("finished", None, None)}
@@ -65,6 +66,21 @@ def test_the_tables_match_the_logs(runs):
     [run] = ask("SELECT * FROM runs WHERE run = 'silent'", runs)
     assert (run["pilot"], run["is_model"], run["episodes"]) == ("failing:never-declares", False, 2)
     assert json.loads(str(run["configuration"]))["flight"]["pilot"] == "failing:never-declares"
+
+
+def test_latency_and_tokens_of_a_joint_reply_count_once_for_the_first_drone(runs):
+    flight = RecordedFlight.read(runs / "oracle" / EPISODES[1])
+    steps = ask(f"SELECT * FROM steps WHERE run = 'oracle' AND episode = '{EPISODES[1]}'", runs)
+    assert [(s["latency_s"], s["tokens_in"]) for s in steps] == [
+        (None, None) if s["drone_index"] else (0.5, 900) for s in steps
+    ]
+    for metric in TABLES["steps"].metrics:
+        assert [s[metric.name] for s in steps] == metric.of(flight), metric.name
+
+
+def test_no_column_hides_a_metric():
+    for table in TABLES.values():
+        assert not {column.name for column in table.own} & {m.name for m in METRICS.values() if m.level == table.level}
 
 
 def test_episode_rows_have_the_verdict_and_every_metric(runs):
