@@ -4,6 +4,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from fractions import Fraction
 from statistics import NormalDist
 
 import numpy as np
@@ -15,7 +16,10 @@ Array = NDArray[np.float64]
 
 ENUMERATED = 13  # episodes; up to this number all subsets are used
 DRAWN = 1 << 12  # number of random subsets for more episodes; the complement of each subset is added
-SHARE_FLIGHTS_MAX = 200  # flights of an episode; up to this number the test of shares is exact
+SHARE_FLIGHTS_MAX = 200  # flights of an episode; up to this number the test of shares is exact, within UNITS_MAX
+UNITS_MAX = (
+    100_000  # units of a share; the test has an array of up to half this size per episode. Finer shares are rounded
+)
 TIE = 1e-9  # relative to the largest value; smaller sums are rounding errors and count as 0
 
 
@@ -133,9 +137,7 @@ def _randomised_shares(differences: Sequence[float]) -> float:
 
 
 def _integers(shares: Array) -> NDArray[np.int64]:
-    """Return shares as integer multiples of their largest common unit 1 / n."""
-    for denominator in range(1, SHARE_FLIGHTS_MAX + 1):
-        numbers = np.rint(shares * denominator)
-        if np.abs(shares * denominator - numbers).max() < TIE * SHARE_FLIGHTS_MAX:
-            break
-    return np.asarray(numbers, dtype=np.int64)
+    """Return shares as integer multiples of their largest common unit 1 / n; rounded if n would exceed UNITS_MAX."""
+    fractions = [Fraction(float(share)).limit_denominator(SHARE_FLIGHTS_MAX) for share in shares]
+    common = min(math.lcm(*(fraction.denominator for fraction in fractions)), UNITS_MAX)
+    return np.asarray([round(fraction * common) for fraction in fractions], dtype=np.int64)

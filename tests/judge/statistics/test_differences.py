@@ -5,11 +5,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from dronecats.judge.statistics.differences import known_mean, mean_difference, share_difference
+from dronecats.judge.statistics.differences import _randomised_shares, known_mean, mean_difference, share_difference
 from dronecats.judge.statistics.shares import mcnemar
 from tests.support.randomisation import randomised
 
@@ -39,6 +39,18 @@ def test_the_interval_of_a_share_difference_excludes_zero_exactly_if_significant
     assert difference.high is not None
     assert (not difference.low <= 0 <= difference.high) == (difference.p <= 0.05)
     assert difference.p >= randomised([Fraction(won, 5) for won in flights]) - 1e-12
+
+
+@given(st.lists(st.sampled_from([7, 8, 9, 10]).flatmap(lambda n: st.builds(Fraction, st.integers(-n, n), st.just(n))),
+                min_size=1, max_size=8))  # fmt: skip
+@example([*map(Fraction, ("-1/9", "3/10", "2/7", "-2/9", "1/3", "1/10"))])
+def test_the_test_of_shares_is_exact_for_episodes_with_different_numbers_of_flights(shares):
+    assert _randomised_shares([float(share) for share in shares]) == pytest.approx(randomised(shares))
+
+
+def test_shares_without_a_small_common_unit_are_rounded():
+    shares = [1 / 199, -1 / 197, 1 / 193, -1 / 191]
+    assert _randomised_shares(shares) == pytest.approx(randomised([Fraction(1, n) for n in (199, -197, 193, -191)]))
 
 
 @pytest.mark.parametrize("episodes", [8, 20])
