@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from dronecats.agent.models.endpoint import GIVE_UP_S, RetryPolicy
 from dronecats.cli.main import main
 from dronecats.pilots.server import PilotServer
 from tests.support.command_line import last_object
@@ -39,7 +40,7 @@ def test_a_model_failure_in_flight_ends_it_with_status_3_and_leaks_no_secret(fly
             raise RuntimeError(f"overloaded, {KEY}")
         return '{"action":"rotate","angle_deg":10}'
 
-    monkeypatch.setattr("dronecats.agent.models.endpoint.retry_after_s", lambda headers: 0.0)
+    monkeypatch.setattr(RetryPolicy.__init__, "__defaults__", (GIVE_UP_S, 3, 0.0))  # no pauses
     status, result, everything = fly(pilot)
     assert status == 3
     assert result["outcome"] == "error"
@@ -50,7 +51,7 @@ def test_a_model_failure_in_flight_ends_it_with_status_3_and_leaks_no_secret(fly
 
 
 def test_unreadable_replies_are_logged_as_errors_and_the_flight_continues(fly, monkeypatch):
-    monkeypatch.setattr("dronecats.agent.models.endpoint.retry_after_s", lambda headers: 0.0)
+    monkeypatch.setattr(RetryPolicy.__init__, "__defaults__", (GIVE_UP_S, 3, 0.0))  # no pauses
     replies = ["\ud800 no json", "", '{"action":"land"}', '{"action":"go","point":[9],"depth_m":1}']
 
     def pilot(prompt, images):

@@ -110,7 +110,7 @@ class RetryPolicy:
 
     give_up_s: float = GIVE_UP_S  # wall s
     attempts: int = 3
-    pause_s: float = 2.0  # wall s before attempt 2; doubles with each attempt. The endpoint may set another pause
+    pause_s: float = 2.0  # wall s before attempt 2; doubles with each attempt. The endpoint may ask for a longer pause
 
 
 DEFAULT = RetryPolicy()
@@ -306,7 +306,7 @@ class Endpoint:
                     reason = self._rejection(came, path)
                     raise ModelRejectedError(f"the model endpoint {self.shown} {reason}", came.status)
                 reason, again = self._refusal(came), came.status in AGAIN or came.status >= 500
-                pause_s = pause_s if came.wish_s is None else came.wish_s
+                pause_s = max(pause_s, came.wish_s or 0.0)  # a wish of 0 would end all attempts during an overload
                 if self._limiter and came.status == BUSY:
                     self._limiter.hold(pause_s)
             if not again or attempt == self.patience.attempts or time.monotonic() + pause_s >= until:
@@ -393,7 +393,10 @@ def _is_loopback(host: str) -> bool:
 
 
 def retry_after_s(headers: httpx.Headers, now: datetime | None = None) -> float | None:
-    """Return the wait (s, at most MAX_PAUSE_S) of a valid Retry-After header (seconds or a date), else None."""
+    """Return the wait (s, at most MAX_PAUSE_S) of a valid Retry-After header (seconds or a date), else None.
+
+    A date is relative to the answer's own Date, because this computer's clock may be wrong; else to `now` (UTC).
+    """
     value = headers.get("retry-after")
     if value is None:
         return None
@@ -402,5 +405,6 @@ def retry_after_s(headers: httpx.Headers, now: datetime | None = None) -> float 
     except ValueError:
         if (moment := http_date(value)) is None:
             return None
-        seconds = (moment - (now or datetime.now(UTC))).total_seconds()
+        sent = http_date(headers.get("date")) or now or datetime.now(UTC)
+        seconds = (moment - sent).total_seconds()
     return min(max(seconds, 0.0), MAX_PAUSE_S) if seconds == seconds else None

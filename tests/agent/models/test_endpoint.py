@@ -176,6 +176,18 @@ def test_retry_after_as_a_date():
     assert retry_after_s(httpx.Headers({})) is None
 
 
+def test_a_retry_after_date_is_relative_to_the_answers_own_date():
+    headers = {"Date": "Sun, 01 Mar 2020 12:00:00 GMT", "Retry-After": "Sun, 01 Mar 2020 12:00:20 GMT"}
+    assert retry_after_s(httpx.Headers(headers)) == 20.0
+
+
+@pytest.mark.parametrize("wish", ["0", "Sun, 01 Mar 2020 12:00:00 GMT"])
+def test_a_retry_after_that_is_shorter_than_the_own_pause_does_not_shorten_it(serve, wish):
+    busy = f"HTTP/1.1 503 Busy\r\nRetry-After: {wish}\r\nContent-Length: 0\r\nConnection: close\r\n\r\n".encode()
+    wire = serve(say(busy), say(completion("x")))
+    assert model(wire, RetryPolicy(give_up_s=30.0, pause_s=0.3)).ask(REQUEST).waited_s >= 0.3
+
+
 def test_time_of_failed_attempts_does_not_count_as_latency(serve):
     busy = say(b"HTTP/1.1 429 Busy\r\nRetry-After: 0.2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
     asking = PendingQuestion(
