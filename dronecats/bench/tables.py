@@ -10,6 +10,7 @@ from msgspec import UNSET
 
 from dronecats.agent.latency import RATE, LatencyPolicy
 from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.judge.judged_flight import question_flags
 from dronecats.judge.metrics.replies import is_cut_off, is_refused, is_unreadable
 from dronecats.judge.statistics.shares import estimate_share
 from dronecats.report.report_data import NONE
@@ -19,6 +20,7 @@ from episodes.records import catalogue
 from episodes.records.catalogue import BlindFlight, BlindTable
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
+from foundation.protocol import CAP_S
 from foundation.run_folder import layout
 from foundation.run_folder.reading import rows
 from foundation.run_folder.results import SCORED, Result
@@ -199,7 +201,7 @@ class EpisodeScore:
     outcome: str
     retried: bool  # the flight replaces one that did not move
     stalled: bool  # the host delayed the flight
-    rates_hz: tuple[float, ...]  # control rate (decisions per s of vehicle time) of each step except the first
+    rates_hz: tuple[float, ...]  # control rate (replies per s of vehicle time) of each reply within the cap
     broken_pins: int  # replies that came later than a fixed rate allows
     unreadable: int = 0  # decisions without an action
     refused: int = 0  # unreadable decisions because the model refused or its provider withheld the reply
@@ -216,7 +218,7 @@ class BenchRow:
     solved: int
     share: float | None  # SR, 0 … 1; None: nothing is scored
     interval: tuple[float, float]  # 95 % interval of the SR, 0 … 1, by `estimate_share`
-    rate_hz: tuple[float, float, float] | None  # the quantiles 0.1, 0.5 and 0.9 of the control rate over all steps
+    rate_hz: tuple[float, float, float] | None  # the quantiles 0.1, 0.5 and 0.9 of the control rate over all replies
     errors: int  # flights that ended in an error and are not scored
     retries: int
     stalled: int  # flights that the host delayed
@@ -239,12 +241,18 @@ def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, ret
         outcome=result.outcome,
         retried=retried,
         stalled=result.host_stalls is not UNSET and result.host_stalls > 0,
-        rates_hz=tuple(d.rate_hz for d in decisions if d.rate_hz is not None),
+        rates_hz=_rates_hz(decisions),
         broken_pins=broken_pins(flight.latency, decisions),
         unreadable=sum(map(is_unreadable, decisions)),
         refused=sum(map(is_refused, decisions)),
         cut_off=sum(map(is_cut_off, decisions)),
     )
+
+
+def _rates_hz(decisions: Sequence[Decision]) -> tuple[float, ...]:
+    """Return the control rate of each reply within the cap, as the metric `rate_hz` counts them."""
+    flagged = zip(decisions, question_flags(decisions), strict=True)
+    return tuple(d.rate_hz for d, first in flagged if first and d.t_decided <= CAP_S and d.rate_hz is not None)
 
 
 def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
@@ -321,7 +329,7 @@ def bench_table(rows: Sequence[BenchRow]) -> ReportTable:
 
     notes = [
         "SR: success rate, % of the flights, with its 95 % interval. Control rate: decisions per second of"
-        " vehicle time, quantiles over all steps"
+        " vehicle time, quantiles over all replies"
     ]
     if has_unread:
         notes.append(

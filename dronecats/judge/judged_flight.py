@@ -5,6 +5,7 @@ episode's world.
 """
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -178,6 +179,16 @@ def gaps(logs: Logs) -> str | None:
     return None if missing is None else f"{DECISIONS} lacks step {missing}"
 
 
+def question_flags(decisions: Iterable[Decision]) -> list[bool]:
+    """Return for each decision whether it is the first one from a pilot's reply, as `FlightStep.is_question`."""
+    flags, answered_steps = [], set[int]()
+    for decision in decisions:
+        # a confirmation has no reply of the pilot; the reply of the commander is in commander.jsonl
+        flags.append(decision.step not in answered_steps and decision.confirmed_by is UNSET)
+        answered_steps.add(decision.step)
+    return flags
+
+
 @dataclass(frozen=True, slots=True)
 class FlightStep:
     """One decision of one drone, with the truth at the time of its picture."""
@@ -240,14 +251,11 @@ class JudgedFlight:
     @cached_property
     def steps(self) -> tuple[FlightStep, ...]:
         """The decisions in the order of the log, each with the truth at the time of its picture."""
-        steps, answered_steps = [], set[int]()
-        for decision in self.logs.decisions:
+        steps = []
+        for decision, is_question in zip(self.logs.decisions, question_flags(self.logs.decisions), strict=True):
             frame = self.logs.frames.get((decision.drone, decision.frame_id))
             is_same = frame is not None and abs(frame.t - decision.t_frame) <= SAME_S
-            # a confirmation has no reply of the pilot; the reply of the commander is in commander.jsonl
-            is_question = decision.step not in answered_steps and decision.confirmed_by is UNSET
             counts = decision.t_decided <= self.cap_s
-            answered_steps.add(decision.step)
             steps.append(FlightStep(decision, frame if is_same else None, is_question, counts, decision.go))
         return tuple(steps)
 

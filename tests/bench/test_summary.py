@@ -18,6 +18,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.statistics.shares import estimate_share, wilson
 from dronecats.report.writers import as_terminal
 from foundation.errors import UsageError
+from foundation.protocol import CAP_S
 from foundation.run_folder.results import Result
 from foundation.run_folder.rows import Decision
 from tests.judge.episode_logs import decision
@@ -93,6 +94,15 @@ def test_a_score_is_computed_from_the_logs_in_its_folder(tmp_path):
     assert score("x", unpinned, tmp_path, result, retried=False).broken_pins == 0
     (tmp_path / "decisions.jsonl").write_text("{}\n")
     assert score("x", FLIGHT, tmp_path, result, retried=False).rates_hz == ()
+
+
+def test_a_joint_reply_counts_once_in_the_control_rate_and_replies_after_the_cap_do_not_count(tmp_path):
+    decisions = [decision(0, 1, 5.0, drone=drone, rate_hz=None) for drone in range(2)]
+    decisions += [decision(1, 2, 10.0, drone=drone, rate_hz=0.2) for drone in range(2)]
+    decisions += [decision(2, 3, CAP_S, rate_hz=0.1), decision(3, 4, CAP_S + 0.1, rate_hz=0.05)]
+    (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
+    scored = score("x", FLIGHT, tmp_path, Result(episode=IDS[3], outcome="failure"), retried=False)
+    assert scored.rates_hz == (0.2, 0.1)
 
 
 def test_unreadable_replies_are_counted_by_reason(tmp_path):
