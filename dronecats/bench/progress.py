@@ -4,6 +4,7 @@
 flights that have ended. It assumes that each remaining flight fails, because failed flights cost most.
 """
 
+import itertools
 import statistics
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -188,7 +189,10 @@ def _latency_s(flight: FlightSpec) -> float:
     """Return the predicted mean latency of a reply, vehicle s; LATENCY_S if the policy cannot predict it."""
     if not flight.latency.foreseen:
         return LATENCY_S
-    return statistics.fmean(flight.latency.charge_s(Question((0,), k, 0), Circumstance(None)) for k in range(STEPS))
+    # each question except the first follows the previous reply after one move; the policy `cap` depends on this time
+    since_s = (None, *itertools.repeat(STEP_S, STEPS - 1))
+    charges = (flight.latency.charge_s(Question((0,), k, 0), Circumstance(None, s)) for k, s in enumerate(since_s))
+    return statistics.fmean(charges)
 
 
 def _measured_usd(run: OpenRun, episode: str) -> float | None:

@@ -68,6 +68,8 @@ def test_the_estimate_depends_on_drones_latency_and_price(run):
     assert foreseen_usd(replace(FLIGHT, command="solo"), four) == pytest.approx(4 * one)
     assert one < foreseen_usd(FLIGHT, four) < 4 * one  # one question with four pictures
     assert foreseen_usd(replace(FLIGHT, latency=LatencyPolicy.parse("fixed:3")), record) < one
+    capped = foreseen_usd(replace(FLIGHT, latency=LatencyPolicy.parse("fixed:0.5+cap:0.1")), record)
+    assert capped < one / 2  # at most one question per 10 s
     unpriced = replace(run, entry=replace(run.entry, flight=replace(FLIGHT, model=replace(PRICED, input_usd=None))))
     estimate = CostEstimate([unpriced], [("run-f1", IDS[0])])
     assert (estimate.left_usd(), estimate.unpriced) == (None, "local/m")
