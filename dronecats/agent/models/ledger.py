@@ -113,8 +113,12 @@ class SharedLimiter:
             self._write(db, self._read(db).held(seconds, self._now_s()))
 
     def _read(self, db: Connection) -> RateLimitState:
+        """Return the stored state. A state that cannot be decoded counts as empty: it must not end every later run."""
         row = db.execute("SELECT state FROM turns WHERE address = ?", (self._address,)).fetchone()
-        return decode(row[0], RateLimitState) if row else RateLimitState()
+        try:
+            return decode(row[0], RateLimitState) if row else RateLimitState()
+        except (msgspec.DecodeError, UnicodeError, RecursionError):
+            return RateLimitState()
 
     def _write(self, db: Connection, limits: RateLimitState) -> None:
         state = msgspec.json.encode(limits).decode()

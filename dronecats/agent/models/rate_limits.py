@@ -10,6 +10,8 @@ from typing import Literal, Protocol
 
 Kind = Literal["requests", "tokens"]
 LONGEST_S = 86_400.0  # s; a reset after a longer time counts as one day
+SHORTEST_S = 0.001  # s; a reset after a shorter time counts as at once
+LIMIT_MIN, LIMIT_MAX = 1.0, 1e12  # requests or tokens; a limit in a header counts as at least and at most this
 _UNIT_S = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86_400.0}
 _DURATION = re.compile(r"(\d{1,9}(?:\.\d{1,9})?)(ms|s|m|h|d)")
 _EPOCH_MS = re.compile(r"\d{13}")
@@ -45,6 +47,7 @@ def allowances(headers: Mapping[str, str], now: datetime | None = None) -> tuple
         limit, left = (_number(headers.get(header.format(word))) for word in ("limit", "remaining"))
         reset_s = until(headers.get(header.format("reset")), date)
         if kind not in by_kind and limit and left is not None and reset_s is not None:
+            limit = min(max(limit, LIMIT_MIN), LIMIT_MAX)  # so that no level or time of a bucket becomes infinite
             by_kind[kind] = Allowance(kind, limit, min(left, limit), reset_s, steady)
     return tuple(by_kind.values())
 
@@ -161,7 +164,7 @@ class RateLimitState:
         before = self.buckets.get(name)
         level = new.left if before is None or before.full != new.limit else min(new.left, before.left(now))
         used = new.limit - new.left
-        rate = (used / new.reset_s if used > 0.0 and new.reset_s > 0.0 else new.limit / MINUTE_S) * new.steady
+        rate = (used / new.reset_s if used > 0.0 and new.reset_s >= SHORTEST_S else new.limit / MINUTE_S) * new.steady
         whole_s = (new.limit - level) / rate if rate > 0.0 else new.reset_s
         bucket = Bucket(now, level, new.limit, rate, now + whole_s)
         return replace(self, buckets={**self.buckets, name: bucket})

@@ -11,7 +11,7 @@ import pytest
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import KIND, Ledger, Spent
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.rate_limits import Allowance
+from dronecats.agent.models.rate_limits import Allowance, allowances
 from dronecats.agent.models.replay import ReplyCache
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
@@ -126,6 +126,32 @@ def test_a_hold_applies_to_all_clients_of_that_address_only(tmp_path):
     assert second_ledger.limiter("http://h/v1", "m").claim(0) == 0.0
     first_ledger.close()
     second_ledger.close()
+
+
+@pytest.mark.parametrize(
+    ("limit", "reset"), [("1e308", "1e-308"), ("100", "1e-307"), ("1e-320", "100")], ids=["large", "fast", "small"]
+)
+def test_extreme_rate_limit_headers_leave_a_readable_state(tmp_path, limit, reset):
+    names = ("limit-requests", limit), ("remaining-requests", "0"), ("reset-requests", reset)
+    ledger = Ledger(tmp_path / "ledger.sqlite")
+    limiter = ledger.limiter("http://h/v1", "m")
+    limiter.update(allowances({f"x-ratelimit-{name}": value for name, value in names}))
+    assert 0.0 <= limiter.claim(0) < 101.0
+    ledger.close()
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as db:
+        assert "null" not in db.execute("SELECT state FROM turns").fetchone()[0]
+    db.close()
+
+
+def test_a_stored_rate_limit_state_that_cannot_be_decoded_counts_as_empty(tmp_path):
+    ledger = Ledger(tmp_path / "ledger.sqlite")
+    limiter = ledger.limiter("http://h/v1", "m")
+    limiter.hold(20.0)
+    with sqlite3.connect(tmp_path / "ledger.sqlite") as db:
+        db.execute("""UPDATE turns SET state = '{"held_until":null}'""")
+    db.close()
+    assert limiter.claim(0) == 0.0
+    ledger.close()
 
 
 def test_a_429_answer_to_one_client_holds_back_another_client(tmp_path):
