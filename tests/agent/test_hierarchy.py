@@ -12,7 +12,7 @@ from msgspec import UNSET
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
-from dronecats.agent.commanding.hierarchy import Hierarchy
+from dronecats.agent.commanding.hierarchy import FleetCommander, Hierarchy
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
 from dronecats.agent.models.model import Reply, Request
@@ -224,6 +224,20 @@ def test_a_commander_reply_affects_only_reports_that_it_was_shown(tmp_path):
     # the next question, about the report of drone 2, follows at once
     assert [(cause.why, cause.drone) for cause in exchange_log[2].causes] == [("report", 1)]
     assert [(d["drone"], d["confirmed_by"]) for d in decisions if "confirmed_by" in d] == [(0, 1), (1, 2)]
+
+
+def test_a_report_that_arrives_with_the_commanders_pictures_is_a_cause_of_the_question(tmp_path, monkeypatch):
+    newest_frames = FleetCommander._newest_frames
+
+    def late_frames(self, *arguments):
+        for _ in range(60):  # ticks; drone 2 reports meanwhile
+            yield
+        return (yield from newest_frames(self, *arguments))
+
+    monkeypatch.setattr(FleetCommander, "_newest_frames", late_frames)
+    pilot = FunctionModel(lambda request: {0: DONE, 1: DONE if request.step else TURN}.get(request.drone, GO))
+    _, exchange_log, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), seconds=15.0)
+    assert [(cause.why, cause.drone) for cause in exchange_log[1].causes] == [("report", 0), ("report", 1)]
 
 
 def test_the_commander_is_asked_after_a_stall_and_after_an_interval(tmp_path):

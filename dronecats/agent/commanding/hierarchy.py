@@ -92,6 +92,7 @@ class FleetCommander(Asker):
         frames = yield from self._newest_frames(COMMANDER, range(len(self._posts)), cap_s)
         if frames is None:
             return []
+        causes = self._causes() or causes  # `_show` marks reports that arrived with the pictures as sent, so they count
         shown = self._show(causes, tuple(frames))
         text = self._prompt.render(self._questions.instruction, shown.roster, causes, len(self._posts))
         asking = self._ask(text, frames, shown.sent_s, role="commander")
