@@ -15,7 +15,7 @@ from dronecats.agent.reply import strict
 from dronecats.agent.reply.mends import TOLERATED, Mend, around
 from dronecats.agent.reply.shapes import action_of, is_action
 from dronecats.agent.reply.strict import answer_of
-from dronecats.agent.reply.tolerant import Cut, ReadValue, read_values
+from dronecats.agent.reply.tolerant import Cut, ReadValue, SearchBudget, read_values
 
 NAMED = ("drone", "drone_id", "drone_number", "drone_index")
 _NAME = re.compile(r"(?:drone|uav)?[\s_#-]*(\d{1,3})", re.IGNORECASE)
@@ -35,16 +35,19 @@ class Assignment:
 
 def read(reply: str, drones: int, axis_order: AxisOrder) -> list[DroneResult]:
     """Return (action or error, corrections) of a reply for each drone."""
+    budget = SearchBudget()
     try:
         answer = answer_of(reply)
-        division = _assigned(answer, drones)
+        division = _assigned(answer, drones, budget)
     except ActionError as error:
         return [(error, set()) for _ in range(drones)]
     division.mends |= {"reasoning"} if answer != reply else set()
-    return [_drone_result(division, drone, drones, axis_order) for drone in range(drones)]
+    return [_drone_result(division, drone, drones, axis_order, budget) for drone in range(drones)]
 
 
-def _drone_result(division: Assignment, drone: int, drones: int, axis_order: AxisOrder) -> DroneResult:
+def _drone_result(
+    division: Assignment, drone: int, drones: int, axis_order: AxisOrder, budget: SearchBudget
+) -> DroneResult:
     mends = set(division.mends)
     if drone in division.duplicated:
         return ActionError(f"several objects name drone {drone + 1} of {drones}"), mends
@@ -57,12 +60,12 @@ def _drone_result(division: Assignment, drone: int, drones: int, axis_order: Axi
     except ActionError:
         pass
     try:
-        return action_of(item, axis_order, own), own
+        return action_of(item, axis_order, own, budget), own
     except ActionError as error:
         return error, mends
 
 
-def _assigned(answer: str, drones: int) -> Assignment:
+def _assigned(answer: str, drones: int, budget: SearchBudget) -> Assignment:
     """Return the assignment of an answer's objects to the drones. Raises ActionError unless exactly one is possible."""
     try:
         array = strict.first_array(answer)
@@ -78,7 +81,7 @@ def _assigned(answer: str, drones: int) -> Assignment:
     except ActionError as error:
         strict_error = error
     drone_values = _drone_values(answer)
-    division = _of_values(drone_values, drones)
+    division = _of_values(drone_values, drones, budget)
     division.mends |= around(answer, drone_values)
     for span in drone_values:
         division.mends |= span.mends
@@ -96,13 +99,13 @@ def _drone_values(text: str) -> list[ReadValue]:
     ]
 
 
-def _of_values(drone_values: list[ReadValue], drones: int) -> Assignment:
+def _of_values(drone_values: list[ReadValue], drones: int, budget: SearchBudget) -> Assignment:
     arrays = [value for value in drone_values if isinstance(value.value, list)]
     if arrays:
         return _of_arrays(arrays, drones)
-    objects = [value.value for value in drone_values if is_action(value.value)]
+    objects = [value.value for value in drone_values if is_action(value.value, budget)]
     if len(drone_values) == 1 and not (objects and _name(objects[0]) is not None):
-        return _of_object(drone_values[0].value, drones)
+        return _of_object(drone_values[0].value, drones, budget)
     if not objects:
         raise ActionError("no JSON array of actions in the reply")
     if len(objects) == drones or all(_name(value) is not None for value in objects):
@@ -129,7 +132,7 @@ def _of_arrays(arrays: list[ReadValue], drones: int) -> Assignment:
     return division
 
 
-def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Assignment:
+def _of_object(value: dict[str, Any], drones: int, budget: SearchBudget, depth: int = 0) -> Assignment:
     """Return the assignment of one object: its keys name the drones, or it contains the array of the drones' objects.
 
     Raises ActionError if it is neither.
@@ -140,10 +143,10 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Assignment
         _place(division, [(int(match.group(1)), value[key]) for key, match in keyed.items()], drones)
         return division
     inner = [member for member in value.values() if _items(member) or isinstance(member, dict)]
-    if len(inner) != 1 or depth == _NESTED_MAX or (is_action(value) and "action" in value):
+    if len(inner) != 1 or depth == _NESTED_MAX or (is_action(value, budget) and "action" in value):
         raise ActionError(f"one object for {drones} drones: nothing says which of them it is for")
     items = _items(inner[0])
-    division = _assign_list(items, drones) if items else _of_object(inner[0], drones, depth + 1)
+    division = _assign_list(items, drones) if items else _of_object(inner[0], drones, budget, depth + 1)
     division.mends.add("wrapped")
     return division
 

@@ -9,7 +9,7 @@ from dronecats.agent.reply import fleet, strict
 from dronecats.agent.reply.mends import TOLERATED, Mend, around, in_order
 from dronecats.agent.reply.shapes import action_of, is_action
 from dronecats.agent.reply.strict import answer_of
-from dronecats.agent.reply.tolerant import ReadValue, read_values
+from dronecats.agent.reply.tolerant import ReadValue, SearchBudget, read_values
 
 ReplyParser = Literal["strict", "lenient"]
 
@@ -64,23 +64,24 @@ def _single_action(reply: str, axis_order: AxisOrder, mends: set[Mend]) -> Actio
         mends |= around(answer, spans)
         mends |= {"several"} if len(spans) > 1 else set()
         return action
+    budget = SearchBudget()
     for text in (answer, _unescaped(answer)):
-        if objects := action_objects(text):
+        if objects := action_objects(text, budget):
             mends |= around(text, objects) | objects[-1].mends
             mends |= {"escaped"} if text is not answer else set()
             mends |= {"several"} if len(objects) > 1 else set()
-            action = action_of(objects[-1].value, axis_order, mends)
+            action = action_of(objects[-1].value, axis_order, mends, budget)
             if mends <= TOLERATED.keys():  # nothing was mended: the strict rejection holds
                 raise strict_error
             return action
     raise strict_error
 
 
-def action_objects(text: str) -> list[ReadValue]:
+def action_objects(text: str, budget: SearchBudget) -> list[ReadValue]:
     """Return the outermost objects that are meant as actions, in order, up to the first that is cut off."""
     objects = []
     for value in read_values(text, "{"):
-        if is_action(value.value, value.inner):
+        if is_action(value.value, budget, value.inner):
             objects.append(value)
             if value.cut:
                 break

@@ -11,7 +11,7 @@ from unicodedata import normalize
 
 from dronecats.agent.action import SCHEMAS, Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply.mends import Mend
-from dronecats.agent.reply.tolerant import CUT, Cut, Quantity, number_in, read_values
+from dronecats.agent.reply.tolerant import CUT, Cut, Quantity, SearchBudget, number_in, read_values
 from foundation.protocol import ACTIONS, FINISHED, GO, POINT_SPAN, ROTATE, THINK
 
 METRES = frozenset({"m", "meter", "meters", "metre", "metres"})
@@ -137,32 +137,33 @@ _HELD_MAX = 40  # most members of an object that may wrap an action
 _NAME_MAX = 40  # longest key or action name, characters
 
 
-def is_action(value: Any, inner: bool = False) -> bool:
+def is_action(value: Any, budget: SearchBudget, inner: bool = False) -> bool:
     """Return whether an object is meant as an action, valid or not.
 
     `inner`: the object begins inside a broken or cut-off value. It then needs the key "action".
+    `budget`: for the searches in strings. All objects of a reply share it.
     """
     if not isinstance(value, dict):
         return False
-    return _has_action(value) or (_unfold(value, set(), 0) is not None and not inner)
+    return _has_action(value) or (_unfold(value, set(), 0, budget) is not None and not inner)
 
 
 def _has_action(value: dict[str, Any]) -> bool:
     return any(_plain(key) == "action" for key in value)
 
 
-def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
-    """Return the action of one object; add its mends to `mends`. Raises ActionError with the reason."""
+def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend], budget: SearchBudget) -> Action:
+    """Return the action of one object; add its mends to `mends`. `budget`: as for `is_action`. Raises ActionError."""
     if isinstance(value, Cut):
         raise ActionError("the reply breaks off before the action")
     if isinstance(value, str):
-        value = _within(value, mends)
+        value = _within(value, mends, budget)
     if isinstance(value, list) and len(value) == 1:
         mends.add("nested_array")
         value = value[0]
     if not isinstance(value, dict):
         raise ActionError("the action is not a JSON object")
-    unfolded = _unfold(value, mends, 0)
+    unfolded = _unfold(value, mends, 0, budget)
     if unfolded is None:
         raise ActionError(_why_none(value))
     kind, sign, fields = unfolded
@@ -180,7 +181,7 @@ def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
     return action_from({"action": kind, **numbers})
 
 
-def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
+def _unfold(value: dict[str, Any], mends: set[Mend], depth: int, budget: SearchBudget) -> Unfolded | None:
     """Return the action of an object; None when it has none, or several."""
     if depth > _DEPTH:
         return None
@@ -193,17 +194,18 @@ def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | N
             continue
         if value[spelt] not in ACTIONS:
             mends.add("name")
-        fields = _fields(value, key, mends)
+        fields = _fields(value, key, mends, budget)
         if spelt != "action" and "tool_call" not in mends:
             mends.add("field")
         return None if fields is None else (*named, fields)
     if isinstance(value.get("action"), dict):
         mends.add("nested")
-        return _unfold(value["action"], mends, depth + 1)
-    called = _call(value, mends, depth)
+        return _unfold(value["action"], mends, depth + 1, budget)
+    call = _tool_call(value)
+    called = _called(call, mends, depth, budget)
     if called or _has_action(value):
         return called
-    return _keyed(value, mends) or _implied(value, mends) or _wrapped(value, mends, depth)
+    return _keyed(value, mends) or _implied(value, mends) or _wrapped(value, mends, depth, budget, call)
 
 
 def _named(name: Any) -> tuple[str, int] | None:
@@ -216,14 +218,14 @@ def _named(name: Any) -> tuple[str, int] | None:
     return (SYNONYMS[plain], 0) if plain in SYNONYMS else None
 
 
-def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any] | None:
+def _fields(value: dict[str, Any], key: str, mends: set[Mend], budget: SearchBudget) -> dict[str, Any] | None:
     """Return an action's fields: the members of its object and of its parameters; None if ambiguous."""
     inner = [name for name in PARAMETERS if name in value]
     if len(inner) != 1:
         return value if not inner else None
     parameters = value[inner[0]]
     if isinstance(parameters, str):
-        parameters = _within(parameters, mends)
+        parameters = _within(parameters, mends, budget)
     mends.add("tool_call" if key in TOOL_NAME_KEYS else "nested")
     if parameters is None or parameters == []:
         parameters = {}
@@ -234,16 +236,19 @@ def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any]
     return {**value, **parameters}
 
 
-def _call(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
-    """Return the action inside a tool call."""
+def _tool_call(value: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the tool call in an object; None if it has none, or several."""
     inner = [value[key] for key in TOOL_CALL_KEYS if isinstance(value.get(key), dict | list)]
     if len(inner) != 1:
         return None
     call = inner[0][0] if isinstance(inner[0], list) and len(inner[0]) == 1 else inner[0]
-    if not isinstance(call, dict):
-        return None
+    return call if isinstance(call, dict) else None
+
+
+def _called(call: dict[str, Any] | None, mends: set[Mend], depth: int, budget: SearchBudget) -> Unfolded | None:
+    """Return the action inside a tool call."""
     own: set[Mend] = {"tool_call"}
-    unfolded = _unfold(call, own, depth + 1)
+    unfolded = None if call is None else _unfold(call, own, depth + 1, budget)
     mends |= own if unfolded else set()
     return unfolded
 
@@ -280,16 +285,19 @@ def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
     return (GO if aims else ROTATE), 0, value
 
 
-def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
-    """Return the only action within an object that is not an action itself."""
+def _wrapped(
+    value: dict[str, Any], mends: set[Mend], depth: int, budget: SearchBudget, call: dict[str, Any] | None
+) -> Unfolded | None:
+    """Return the only action within an object that is not an action itself. `call`: its tool call, without action."""
     held = [item for member in value.values() for item in (member if isinstance(member, list) else [member])]
     if len(held) > _HELD_MAX:
         return None
     meant: list[tuple[Unfolded | None, set[Mend]]] = []
     for item in held:
         own: set[Mend] = {"wrapped"}
-        inner = _within(item, own) if isinstance(item, str) and "{" in item else item
-        unfolded = _unfold(inner, own, depth + 1) if isinstance(inner, dict) else None
+        inner = _within(item, own, budget) if isinstance(item, str) and "{" in item else item
+        # the call is not unfolded again, because the work would double with each level
+        unfolded = _unfold(inner, own, depth + 1, budget) if isinstance(inner, dict) and inner is not call else None
         names = isinstance(inner, dict) and _has_action(inner)
         if unfolded or names or isinstance(inner, Cut):  # a cut member may have held another action
             meant.append((unfolded, own))
@@ -299,9 +307,9 @@ def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | 
     return meant[0][0]
 
 
-def _within(text: str, mends: set[Mend]) -> Any:
+def _within(text: str, mends: set[Mend], budget: SearchBudget) -> Any:
     """Return the only object that a string holds as JSON; the string itself if it holds none, or several."""
-    objects = read_values(text, "{")
+    objects = read_values(text, "{", budget)
     if len(objects) != 1:
         return text
     mends |= objects[0].mends | {"escaped"}

@@ -67,28 +67,35 @@ class _BrokenError(Exception):
     """The text is not a value."""
 
 
-def read_values(text: str, openings: str) -> list[ReadValue]:
+@dataclass(slots=True)
+class SearchBudget:
+    """The work that is left for searches. Several searches may share it."""
+
+    tries: int = MAX_TRIES
+    vain_chars: int = field(default_factory=lambda: MAX_VAIN_CHARS)  # characters of failed attempts
+
+
+def read_values(text: str, openings: str, budget: SearchBudget | None = None) -> list[ReadValue]:
     """Return the outermost values that begin with one of `openings`, in order, including cut-off values.
 
-    After a broken or cut-off value, the search continues inside it.
+    After a broken or cut-off value, the search continues inside it. Without `budget`, the search has its own.
     """
-    text, found_values, at, vain, reached = text[:MAX_REPLY_CHARS], [], 0, 0, 0
+    budget = SearchBudget() if budget is None else budget
+    text, found_values, at, reached = text[:MAX_REPLY_CHARS], [], 0, 0
     opening = re.compile("[" + re.escape(openings + "".join(chr(ord(c) + 0xFEE0) for c in openings)) + "]")
-    for _ in range(MAX_TRIES):
-        begins = opening.search(text, at)
-        if begins is None or vain > MAX_VAIN_CHARS:
-            break
+    while budget.tries > 0 and budget.vain_chars >= 0 and (begins := opening.search(text, at)):
+        budget.tries -= 1
         at = begins.start()
         reader = _Reader(text, at)
         try:
             value = reader.value(0)
         except _BrokenError:
-            vain += reader.at - at
+            budget.vain_chars -= reader.at - at
             reached, at = max(reached, reader.at), at + 1
             continue
         found_values.append(ReadValue(value, at, reader.at, frozenset(reader.mends), at < reached))
         if found_values[-1].cut:
-            vain += reader.at - at
+            budget.vain_chars -= reader.at - at
             reached, at = reader.at, at + 1
         else:
             at = reader.at

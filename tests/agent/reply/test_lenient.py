@@ -118,6 +118,14 @@ def test_parsing_work_is_proportional_to_the_reply_length(monkeypatch):
         assert calls(text, 4, "xy", "lenient") < 40 * len(text), (head[:20], unit, tail)
 
 
+def test_parsing_work_is_bounded_for_nested_objects_with_braces_in_their_strings():
+    string = '"' + "{a:" * 60 + '"'
+    members = "{" + ",".join(f'"k{k}":{string}' for k in range(39)) + "}"
+    flat = calls(members, 1, "xy", "lenient")
+    assert calls('{"function":' * 5 + members + "}" * 5, 1, "xy", "lenient") < 1.5 * flat  # each level counts once
+    assert calls(members * 20, 1, "xy", "lenient") < 3 * flat  # all strings of a reply share one budget
+
+
 def test_every_repair_code_is_documented():
     from tests.docs.pages import ROOT
 
