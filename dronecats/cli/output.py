@@ -77,7 +77,7 @@ class Printing(io.TextIOWrapper):
         errors: str,
         *,
         by_line: bool = False,
-        on_loss: Callable[[], object] = bool,
+        on_loss: Callable[[], None] = lambda: None,
     ) -> None:
         raw = io.FileIO(descriptor, "wb", closefd=False)
         super().__init__(io.BufferedWriter(raw), encoding, errors, line_buffering=by_line)
@@ -162,7 +162,7 @@ class Output:
             print(self._note, file=sys.stderr)
 
 
-def _text(stream: Any, errors: str, on_loss: Callable[[], object] = bool) -> Printing:
+def _text(stream: Any, errors: str, on_loss: Callable[[], None] = lambda: None) -> Printing:
     stream.flush()
     by_line = stream.line_buffering or stream.write_through  # write_through: Python runs unbuffered
     return Printing(stream.fileno(), stream.encoding, errors, by_line=by_line, on_loss=on_loss)

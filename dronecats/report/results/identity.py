@@ -21,7 +21,7 @@ from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, parse_row
 from foundation.run_folder.rows import EpisodeIdentity
 
-RECORDED, NOT_RECORDED = "told", "not told"  # do not change: digests in archives include them
+RECORDED, NOT_RECORDED = "told", "not told"  # stored values: digests in archives include them, so they must not change
 # value of an identity → its text in a sentence
 WORDS = {NOT_RECORDED: "not recorded", RECORDED: "recorded", "null": "none", "{}": "nothing"}
 KEYS_SHOWN = 4  # a sentence lists at most this many keys of a JSON object
